@@ -1,6 +1,5 @@
 //! Where a recording says that tools cut: the force of a cut is no physics of the drive.
 
-use super::drive::Mask;
 use super::{DiagnoseError, DiagnoseOptions};
 use crate::sample::Recording;
 
@@ -8,6 +7,9 @@ use crate::sample::Recording;
 const WIDTH: &str = "width_m";
 /// Speed of the spindle.
 const SPEED: &str = "spindle_speed_rpm";
+
+/// Rows of a recording that were not measured; empty: all were.
+pub(super) type Mask = Vec<bool>;
 
 /// Rows that enter no fit, and what is said of them.
 pub(super) struct Cuts {

@@ -3,7 +3,8 @@
 //! Seen on means over blocks of 10 ms: slow enough that neither an encoder's steps nor a resonance count.
 
 use super::DiagnoseError;
-use super::drive::Mask;
+use super::criteria::Criteria;
+use super::cuts::Mask;
 use super::drive::recorded::{is_locked, position, span, thrust};
 use crate::plant::machine::AxisModel;
 use crate::sample::Recording;
@@ -13,11 +14,6 @@ use crate::signal::inner_products::dot;
 const BLOCK_S: f64 = 0.01;
 /// Fewest blocks that say something.
 const LEAST_BLOCKS: usize = 16;
-/// A motion of fewer steps is none, nor is one in which no guide slides, m: guides give by 5 to 50 um before
-/// they do. What a cut moves an axis by that is told to stand has no friction, inertia or screw to tell of.
-const STEPS: f64 = 3.0;
-const SLIDES_M: f64 = 5e-6;
-
 /// Refuses recordings of which nothing can be told. A recording without the columns has its own error later.
 /// The answer: which of them the axis stands in.
 ///
@@ -74,10 +70,11 @@ impl<'a> Look<'a> {
     }
 
     fn stands(&self) -> bool {
+        let c = &Criteria::STANDARD;
         let still = |x: &[f64], step_m: f64| {
             let told: Vec<f64> =
                 x.iter().zip(&self.told).filter(|(_, told)| **told).map(|(x, _)| *x).collect();
-            span(&told) <= SLIDES_M.max(STEPS * step_m)
+            span(&told) <= c.slides_m.max(c.still_steps * step_m)
         };
         let d = &self.axis.drive;
         still(&self.motor_m, d.motor_encoder_resolution_m())
@@ -86,18 +83,12 @@ impl<'a> Look<'a> {
 
     /// Both encoders see one travel: another unit, a wrong lead or a turned sign shows in their ratio.
     fn check_travel(&self) -> Result<(), DiagnoseError> {
-        /// What a lead, a scale or a long screw may be off by.
-        const ALLOWED: f64 = 0.05;
-        /// The two are one travel where they agree in form to this share of their power.
-        const ALIKE: f64 = 0.98;
-        /// Least travel, m, and least times the stretch of the screw and the step of the encoder.
-        const LEAST_M: f64 = 1e-3;
-        const LEAST_TIMES: f64 = 20.0;
         let Some(stage_m) = &self.stage_m else { return Ok(()) };
-        let d = &self.axis.drive;
+        let (c, d) = (&Criteria::STANDARD, &self.axis.drive);
         let stretch_m =
             if d.axial_stiffness_n_m() > 0.0 { span(&self.thrust_n) / d.axial_stiffness_n_m() } else { 0.0 };
-        let least_m = LEAST_M.max(LEAST_TIMES * stretch_m.max(STEPS * d.motor_encoder_resolution_m()));
+        let step_m = c.still_steps * d.motor_encoder_resolution_m();
+        let least_m = c.travel_least_m.max(c.travel_least_times * stretch_m.max(step_m));
         if span(&self.motor_m) < least_m && span(stage_m) < least_m || is_locked(self.axis, self.recording) {
             return Ok(());
         }
@@ -105,7 +96,7 @@ impl<'a> Look<'a> {
             [(&self.motor_m, stage_m), (&self.motor_m, &self.motor_m), (stage_m, stage_m)]
                 .map(|(a, b)| dot(a, b));
         let ratio = both / stage;
-        if both * both < ALIKE * motor * stage || (ratio - 1.0).abs() <= ALLOWED {
+        if both * both < c.travel_alike * motor * stage || (ratio - 1.0).abs() <= c.travel_off {
             return Ok(());
         }
         Err(DiagnoseError::TravelRatio {
@@ -119,17 +110,11 @@ impl<'a> Look<'a> {
     /// Thrust and motion belong together by the stated mass and friction; with the sign of one of them turned
     /// they do so, too, and everything that is found then makes up for it.
     fn check_sign(&self) -> Result<(), DiagnoseError> {
-        /// Least share of the thrust's power that the model explains once it is turned.
-        const EXPLAINED: f64 = 0.3;
-        /// Least travel, m: what moves less may be moved by a cut, and then the drive pushes against it.
-        const LEAST_M: f64 = 2.5e-3;
-        /// Share of the thrust's power below which inertia or friction have no say of their own.
-        const SILENT: f64 = 0.01;
-        if span(&self.motor_m) < LEAST_M || is_locked(self.axis, self.recording) {
+        let (c, d) = (&Criteria::STANDARD, &self.axis.drive);
+        if span(&self.motor_m) < c.turned_least_m || is_locked(self.axis, self.recording) {
             return Ok(());
         }
-        let d = &self.axis.drive;
-        let smoothing_m_s = d.raw().friction_smoothing_m_s.unwrap_or(1e-4);
+        let smoothing_m_s = d.friction_smoothing_m_s();
         let dry_n = d.stage_coulomb_friction_n() + d.motor_coulomb_friction_n();
         let wet_n_s_m = d.translational_damping_n_s_m() + d.reflected_damping_n_s_m();
         let x = &self.motor_m;
@@ -147,9 +132,9 @@ impl<'a> Look<'a> {
         let explained = -(2.0 * (fi + fr) + ii + rr + 2.0 * ir) / ff.max(1e-300);
         // Inertia and friction, fitted beside each other, each against the motion.
         let against = |own: f64, other: f64, power: f64, beside: f64| {
-            power < SILENT * ff || own * beside - other * ir < 0.0
+            power < c.silent * ff || own * beside - other * ir < 0.0
         };
-        if explained < EXPLAINED || !against(fi, fr, ii, rr) || !against(fr, fi, rr, ii) {
+        if explained < c.turned_explains || !against(fi, fr, ii, rr) || !against(fr, fi, rr, ii) {
             return Ok(());
         }
         Err(DiagnoseError::OppositeSign {
@@ -174,7 +159,7 @@ fn about_mean(x: Vec<f64>) -> Vec<f64> {
 
 /// What a ratio of travels looks like.
 fn hint(ratio: f64) -> &'static str {
-    let near = |of: f64| (ratio.abs() / of - 1.0).abs() < 0.05;
+    let near = |of: f64| (ratio.abs() / of - 1.0).abs() < Criteria::STANDARD.travel_off;
     let degrees = 180.0 / std::f64::consts::PI;
     if ratio < 0.0 {
         "one of the two counts in the other direction"

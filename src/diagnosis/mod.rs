@@ -16,6 +16,7 @@
 //! ```
 //! The method with its figures: `docs/method-diagnosis.md`.
 
+mod criteria;
 pub mod cut;
 mod cuts;
 mod drive;

@@ -1,15 +1,12 @@
 //! Steps of an encoder, read off the recording itself: every difference of two samples is a whole number of
 //! steps.
 
+use super::criteria::Criteria;
 use crate::plant::effects::{EffectKind, Port, encoder_quantization};
 use crate::plant::machine::AxisModel;
 
 /// Differences that are looked at.
 const LOOKED_AT: usize = 40_000;
-/// A stated step is right if the found one is below this many times it.
-const LEAST_RATIO: f64 = 1.3;
-/// Share of differences that must lie on the grid of a step.
-const ON_GRID: f64 = 0.97;
 /// What is left of two differences below this share of the stated step is rounding.
 const EUCLID_END: f64 = 0.1;
 
@@ -48,7 +45,9 @@ pub(crate) fn coarser_step(position_m: &[f64], stated_m: f64) -> Option<f64> {
     let step = measure.reduce(|a, b| common_measure(a, b, EUCLID_END * stated_m))?;
     let step = sharpened(step, &differences);
     let on_grid = differences.iter().filter(|d| ((*d / step).round() - *d / step).abs() < 0.05).count();
-    (step > LEAST_RATIO * stated_m && on_grid as f64 > ON_GRID * differences.len() as f64).then_some(step)
+    let c = &Criteria::STANDARD;
+    let all_on_grid = on_grid as f64 > c.on_grid * differences.len() as f64;
+    (step > c.other_step * stated_m && all_on_grid).then_some(step)
 }
 
 /// Greatest common measure of two lengths; a rest below `end` is none.

@@ -1,13 +1,12 @@
 //! From the selection to what is said: verdict, findings, corrections, the model, the proof.
 
 use super::closed_loop::closed_loop;
-use super::criteria::{Criteria, Z95};
 use super::evidence::{least_seen_n, level};
 use super::faults::force_faults;
 use super::gram::{BandGram, Part};
 use super::laws::current_loop_lag::CurrentLoop;
 use super::laws::dead_time::Delay;
-use super::laws::{Deviations, Hypothesis, scale_deviation};
+use super::laws::{Deviations, Hypothesis, Shape, scale_deviation};
 use super::likelihood::Design;
 use super::model::{is_other_size, sizes};
 use super::notes;
@@ -17,6 +16,7 @@ use super::series::{Residuals, contribution, contribution_of_number, residuals};
 use super::spectra::FOLDS;
 use super::state::{Accepted, Balance, Number, State};
 use super::words::{specification, statement, told};
+use crate::diagnosis::criteria::{Criteria, Z95};
 use crate::diagnosis::encoder_noise::variance_m2;
 use crate::diagnosis::result::{
     Alternative, Contribution, Correction, DetectionLimit, Diagnosis, Estimate, Finding, Fit, Location,
@@ -225,9 +225,13 @@ impl Case<'_> {
         let balance = self.balance;
         let mut list = Vec::new();
         let is_found = |a: &Accepted| a.given.is_none() && !a.hypothesis.facts().is_number;
-        for (k, law) in state.accepted.iter().enumerate().filter(|(_, a)| is_found(a)) {
+        let laws = state.accepted.iter().zip(&doubt.laws).enumerate().filter(|(_, (a, _))| is_found(a));
+        let laws = laws.map(|(k, (law, sd))| (law, sd, state, Some(k)));
+        let path = self.found_in_path(state, doubt);
+        let of_path = path.iter().map(|(law, sd)| (law, sd, self.start, None));
+        for (law, sd, of, without_law) in laws.chain(of_path) {
             let h = &law.hypothesis;
-            let (estimates, term) = told(h, &state.told(balance, law, &doubt.laws[k]));
+            let (estimates, term) = told(h, &state.told(balance, law, sd));
             let (evidence_nats, level_nats) = self.evidence_of(h.effect, h.port);
             list.push(Found {
                 effect: h.effect,
@@ -236,11 +240,10 @@ impl Case<'_> {
                 estimates,
                 evidence_nats,
                 level_nats,
-                contribution: contribution(balance, state, law, self.recordings),
-                without_n: self.heldout_n(state, Some(k)),
+                contribution: contribution(balance, of, law, self.recordings),
+                without_n: self.heldout_n(of, without_law),
             });
         }
-        list.extend(self.found_in_path(state, doubt));
         let scale = scale_deviation(balance);
         for a in absent {
             let Some(effect) = a.number.effect() else { continue };
@@ -274,39 +277,20 @@ impl Case<'_> {
     }
 
     /// A dead time longer than stated, a current loop slower than stated.
-    fn found_in_path(&self, state: &State, doubt: &Doubt) -> Vec<Found> {
+    fn found_in_path(&self, state: &State, doubt: &Doubt) -> Vec<(Accepted, Deviations)> {
         let balance = self.balance;
-        let mut laws = Vec::new();
+        let found = |law: Shape, deviation: f64| {
+            let deviations = Deviations { amplitudes: vec![0.0], constants: vec![deviation] };
+            (Accepted::found(Hypothesis::new(Port::Current, law), vec![1.0]), deviations)
+        };
         let extra_s = state.now.path.delay_s - balance.drive.amplifier_dead_time_s();
         // What a loop took the place of may have left nothing of a delay.
         let within_s = Criteria::STANDARD.timing_deviation / balance.signals.rate_hz;
-        if state.now.found_delay && extra_s > Z95 * doubt.path[0].hypot(within_s) {
-            let delay = Delay { extra_s, early: false };
-            laws.push((Hypothesis::new(Port::Current, delay), doubt.path[0] / extra_s));
-        }
-        if let Some(rad_s) = state.now.path.loop_rad_s.filter(|_| state.now.found_loop) {
-            let lag = CurrentLoop { rad_s, in_place: false };
-            laws.push((Hypothesis::new(Port::Current, lag), doubt.path[1]));
-        }
-        let mut list = Vec::new();
-        for (hypothesis, deviation) in laws {
-            let law = Accepted::found(hypothesis, vec![1.0]);
-            let sd = Deviations { amplitudes: vec![0.0], constants: vec![deviation] };
-            let (estimates, term) = told(&hypothesis, &state.told(balance, &law, &sd));
-            let Hypothesis { effect, port, .. } = hypothesis;
-            let (evidence_nats, level_nats) = self.evidence_of(effect, port);
-            list.push(Found {
-                effect,
-                port,
-                term,
-                estimates,
-                evidence_nats,
-                level_nats,
-                contribution: contribution(balance, self.start, &law, self.recordings),
-                without_n: self.heldout_n(self.start, None),
-            });
-        }
-        list
+        let is_late = state.now.found_delay && extra_s > Z95 * doubt.path[0].hypot(within_s);
+        let delay = is_late.then(|| found(Delay { extra_s, early: false }.into(), doubt.path[0] / extra_s));
+        let bandwidth = state.now.path.loop_rad_s.filter(|_| state.now.found_loop);
+        let lag = |rad_s| found(CurrentLoop { rad_s, in_place: false }.into(), doubt.path[1]);
+        delay.into_iter().chain(bandwidth.map(lag)).collect()
     }
 
     /// The round in which a law was taken up, the law first.

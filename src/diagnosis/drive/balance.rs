@@ -1,12 +1,12 @@
 //! One axis as recorded: which numbers its balance has, and the columns of each.
 
 use super::columns::{Ground, TimeColumn, derivative};
-use super::criteria::Criteria;
 use super::gram::{BandGram, Column, Gram, Part};
 use super::likelihood::{Design, Fit, Spread, weights_of};
 use super::number::{Mechanics, Number, TURNING};
 use super::signals::{Layout, Path, Signals};
 use super::spectra::{FOLDS, Plan};
+use crate::diagnosis::criteria::Criteria;
 use crate::plant::drive::DriveParams;
 use std::sync::Arc;
 
@@ -138,7 +138,10 @@ impl Balance {
                     .collect();
                 TimeColumn::at(0, rate)
             }
-            N::Lag => state.lagging(LAG_STEP),
+            N::Lag => {
+                let slower = state.path.loop_rad_s.map(|w| LAG_STEP * w);
+                state.path_change(Path { loop_rad_s: slower, ..state.path })
+            }
             _ => self.linear(number),
         }
     }

@@ -4,12 +4,24 @@ use super::gram::Column;
 use super::laws::{EFFECTS, Hypothesis, Search};
 use super::spectra::Series;
 use super::state::{Balance, State, residual};
+use std::cell::OnceCell;
 
 fn search<'a>(balance: &'a Balance, state: &State) -> Search<'a> {
     let left = residual(balance, state.base.fitted());
     let whitened = whitened(balance, state, &left);
     let has_command = state.now.inertial && !state.is_measured(balance);
-    Search::new(balance, (state.now, state.coulomb_n()), has_command, (left, whitened))
+    Search {
+        balance,
+        signals: &balance.signals,
+        two: balance.signals.sides() == 2,
+        lead_m: balance.drive.screw_lead_m(),
+        now: state.now,
+        coulomb_n: state.coulomb_n(),
+        has_command,
+        left,
+        whitened,
+        found: OnceCell::new(),
+    }
 }
 
 /// Everything that may be asked of a state.

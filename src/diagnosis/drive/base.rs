@@ -3,7 +3,6 @@
 use super::accepted::{Accepted, moved_laws};
 use super::balance::{Balance, Standing};
 use super::columns::{Ground, TimeColumn};
-use super::criteria::Criteria;
 use super::dynamics::{Dynamics, Idle};
 use super::gram::{BandGram, Column, Gram, Part};
 use super::laws::{Hypothesis, Size};
@@ -11,6 +10,7 @@ use super::likelihood::{Design, FREE, Fit, POSITIVE, Spread};
 use super::number::Number;
 use super::rounding::{QUARTERS, rounding};
 use super::signals::Layout;
+use crate::diagnosis::criteria::Criteria;
 use std::sync::Arc;
 
 /// Steps of the bandwidth, and samples of a delay that was found, that a fit may take at once.

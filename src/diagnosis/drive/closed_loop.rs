@@ -3,10 +3,10 @@
 //! Nothing measured is differentiated or fitted here. Before physics comes the control law: where the stated
 //! one does not say the recorded reference, no simulation proves anything.
 
-use super::criteria::Criteria;
 use super::recorded::{position, stage_position, thrust};
 use super::signals::{Signals, Track};
 use super::state::State;
+use crate::diagnosis::criteria::Criteria;
 use crate::diagnosis::result::{ClosedLoop, SimulatedTrial};
 use crate::diagnosis::two_cores::on_two_cores;
 use crate::plant::machine::{AxisModel, Controller};

@@ -5,7 +5,7 @@
 //! of the balance; none is a first Taylor term.
 
 use super::number::{Mechanics, TURNING};
-use super::signals::{Layout, Path, Signals, Track};
+use super::signals::{Layout, Path, Signals, Track, difference};
 use super::spectra::{Response, Series};
 use crate::plant::effects::Port;
 use crate::plant::effects::backlash::play;
@@ -149,6 +149,15 @@ impl<'a> Ground<'a> {
         out
     }
 
+    /// A function of the time in one recording, s since it began; nothing in the others.
+    pub(super) fn in_recording(&self, own: usize, side: usize, of: impl Fn(f64) -> f64) -> TimeColumn {
+        let at = |t: &Track, j: usize| of(t.thin_s(j, self.signals.step));
+        let series = |(r, t): (usize, &Track)| -> Vec<f64> {
+            (0..t.thin_count()).map(|j| if r == own { at(t, j) } else { 0.0 }).collect()
+        };
+        TimeColumn::at(side, self.signals.tracks.iter().enumerate().map(series).collect())
+    }
+
     /// A force as a model states it.
     pub(super) fn stated(&self, law: &ForceLaw, port: Port) -> TimeColumn {
         let side = self.side(port);
@@ -208,15 +217,11 @@ impl<'a> Ground<'a> {
         self.signals.filtered(track, &slides, 0)
     }
 
-    /// What the model needs more where the current loop is slower by a factor.
-    pub(super) fn lagging(&self, factor: f64) -> TimeColumn {
-        self.path_change(Path { loop_rad_s: self.path.loop_rad_s.map(|w| factor * w), ..self.path })
-    }
-
+    /// What the model needs more where thrust comes another way.
     pub(super) fn path_change(&self, to: Path) -> TimeColumn {
         let of = |track: &Track| {
             let (now, then) = (self.signals.thrust(track, self.path), self.signals.thrust(track, to));
-            now.iter().zip(&then).map(|(a, b)| a - b).collect::<Vec<f64>>()
+            difference(&now, &then)
         };
         TimeColumn::at(0, self.signals.each(of))
     }

@@ -5,16 +5,16 @@
 //! recording whose mean stands furthest from the rest of it.
 
 use super::answer::{Case, is_other_than_zero};
-use super::criteria::Criteria;
 use super::evidence::{ask, level};
 use super::laws::cutting_force::Push;
 use super::laws::{Deviations, Hypothesis, Shape};
 use super::numbers::{doubt, stated_beta};
 use super::rest::{Rest, rest};
 use super::series::residuals;
-use super::signals::Mask;
 use super::state::{Accepted, Balance, State, residual};
 use super::subject::Drive;
+use crate::diagnosis::criteria::Criteria;
+use crate::diagnosis::cuts::Mask;
 use crate::diagnosis::result::{Diagnosis, Verdict};
 use crate::diagnosis::selection::{Fitted, Round, Screened, Subject, Work};
 use crate::plant::effects::Port;
@@ -135,7 +135,7 @@ fn joined(masks: &[Mask], others: &[Mask], of: impl Fn(bool, bool) -> bool) -> V
 fn stretch(balance: &Balance, state: &State, spindle_hz: f64) -> Option<(usize, [f64; 2])> {
     let s = &balance.signals;
     let left = residual(balance, state.base.fitted());
-    let series = balance.plan.series(left.sides[usize::from(s.sides() == 2)].as_ref()?, &s.lengths());
+    let series = balance.plan.series(left.sides[s.last()].as_ref()?, &s.lengths());
     let mut best: Option<(f64, usize, [f64; 2])> = None;
     for (r, (track, x)) in s.tracks.iter().zip(&series).enumerate() {
         // Half a block at either end is known to a part only.

@@ -2,11 +2,11 @@
 //! recordings; and what chance reaches in the same recordings.
 
 use super::columns::TimeColumn;
-use super::criteria::Criteria;
 use super::gram::{BandGram, Gram, Part};
 use super::laws::Hypothesis;
 use super::likelihood::{Design, FREE, Fit, POSITIVE, values};
 use super::state::{Balance, Number, State, amplitude_bounds, knockoff_design};
+use crate::diagnosis::criteria::Criteria;
 
 /// A hypothesis beside a state, fitted.
 pub(super) struct Asked {

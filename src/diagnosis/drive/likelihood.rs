@@ -8,10 +8,10 @@
 //! Jacobian P (see [`super::dynamics`]; of one position it is the mass) makes it the likelihood of motion:
 //! without it an equation whose thrust is filtered away becomes zero by making its masses zero.
 
-use super::criteria::{Criteria, Z95};
 use super::dynamics::Dynamics;
 use super::gram::{BandGram, Gram};
 use super::number::Number;
+use crate::diagnosis::criteria::{Criteria, Z95};
 use nalgebra::{DMatrix, DVector};
 use statrs::distribution::{ContinuousCDF, StudentsT};
 

@@ -7,7 +7,6 @@ mod bank;
 mod base;
 mod closed_loop;
 mod columns;
-mod criteria;
 mod dynamics;
 mod entry;
 mod evidence;
@@ -31,8 +30,6 @@ mod spectra;
 mod state;
 mod subject;
 mod words;
-
-pub(in crate::diagnosis) use signals::Mask;
 
 use super::cuts::spindle_hz;
 use super::selection::{Reach, Work, select};
@@ -65,7 +62,7 @@ fn balance_of(
     if let Some(first) = recordings.first().filter(|_| !balance.plan.is_enough()) {
         let recording = first.experiment.clone();
         let samples = balance.plan.measured() as usize * balance.signals.step;
-        let needed = spectra::LEAST_MEASURED * balance.signals.step;
+        let needed = spectra::SHORTEST_BLOCK * balance.signals.step;
         return Err(DiagnoseError::TooShort { recording, samples, needed });
     }
     Ok(balance)

@@ -1,11 +1,11 @@
 //! The model with everything that is said in it.
 
 use super::answer::Case;
-use super::criteria::Criteria;
 use super::laws::Effect;
-use super::numbers::{Doubt, beside, corrections};
+use super::numbers::{Doubt, beside, common_scale, corrections};
 use super::rest::Rest;
 use super::state::State;
+use crate::diagnosis::criteria::Criteria;
 use crate::diagnosis::result::{Finding, Verdict};
 use crate::plant::drive::DriveParams;
 use crate::plant::effects::external_disturbance::{RMS, UP_TO};
@@ -16,11 +16,11 @@ impl Case<'_> {
     /// The stated drive with numbers that the recordings tell; `all`: those that were never stated, too.
     fn drive(&self, state: &State, doubt: &Doubt) -> DriveParams {
         let d = &self.balance.drive;
-        let common = super::numbers::common_scale(self.balance, &beside(self.balance, state, doubt));
+        let told = beside(self.balance, state, doubt);
+        let common = common_scale(self.balance, &told);
         let list = corrections(self.balance, self.stated, state, doubt);
         let constant = list.iter().find(|c| c.name == "torque_constant_nm_a");
         let off = if constant.is_some() { (-common).exp() } else { 1.0 };
-        let told = beside(self.balance, state, doubt);
         let known = told
             .iter()
             .filter(|n| n.value > 0.0 && n.deviation < Criteria::STANDARD.known_share * n.value)

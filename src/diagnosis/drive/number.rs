@@ -1,6 +1,6 @@
 //! Which numbers a balance has beside its laws.
 
-use super::criteria::Criteria;
+use crate::diagnosis::criteria::Criteria;
 use crate::plant::effects::EffectKind;
 
 /// Forms in which parts of dry friction may turn beside tanh(v / v_s), u = v / v_s: the algebraic step

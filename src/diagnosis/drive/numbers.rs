@@ -1,7 +1,6 @@
 //! Numbers of the model beside the recordings: deviations, corrections, numbers that the model leaves out.
 
 use super::columns::TimeColumn;
-use super::criteria::{Criteria, Z95};
 use super::evidence::{Wider, held_out_gains, price, wider};
 use super::gram::{BandGram, Gram, Part};
 use super::laws::{Deviations, scale_deviation};
@@ -12,6 +11,7 @@ use super::signals::Layout;
 use super::spectra::FOLDS;
 use super::state::{Balance, Base, LAG_STEP, Number, State, stated_mechanics};
 use super::subject::slopes;
+use crate::diagnosis::criteria::{Criteria, Z95};
 use crate::diagnosis::result::Correction;
 use crate::plant::machine::AxisModel;
 use nalgebra::DVector;

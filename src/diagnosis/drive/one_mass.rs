@@ -6,18 +6,15 @@
 //! The coefficient of the acceleration is one over the square of the frequency at which the stage swings.
 
 use super::recorded::{motor_position, stage_position};
+use crate::diagnosis::criteria::Criteria;
 use crate::diagnosis::kernel::{Action, Grid, Kernel};
 use crate::plant::effects::coulomb_friction::sliding_direction;
 use crate::plant::machine::AxisModel;
 use crate::sample::Recording;
 use nalgebra::{SMatrix, SVector};
 
-/// Pass band of a balance of two positions, as a share of the rate.
-pub(super) const BAND_SHARE: f64 = 0.08;
 /// Samples kept per band.
 pub(super) const THINNED_PER_BAND: f64 = 3.125;
-/// Smoothing speed of friction where the model states none, m/s.
-pub(super) const SMOOTHING_M_S: f64 = 2e-4;
 
 /// A row of the columns of the stretch, and sums of their products.
 type Row = SVector<f64, 5>;
@@ -41,14 +38,20 @@ pub(super) fn spring(axis: &AxisModel, recordings: &[Recording]) -> Option<Sprin
     let mut pull = Row::zeros();
     for recording in recordings {
         let (motor, stage) = (motor_position(axis, recording)?, stage_position(axis, recording)?);
-        add(&mut normal, &mut pull, (&motor, stage), recording.sample_rate.hz());
+        let form = (axis.drive.friction_smoothing_m_s(), recording.sample_rate.hz());
+        add(&mut normal, &mut pull, (&motor, stage), form);
     }
     solved(&normal, &pull)
 }
 
-/// Adds the products of one recording.
-fn add(normal: &mut Products, pull: &mut Row, (motor, stage): (&[f64], &[f64]), rate_hz: f64) {
-    let band_hz = BAND_SHARE * rate_hz;
+/// Adds the products of one recording; friction turns over `turning_m_s`.
+fn add(
+    normal: &mut Products,
+    pull: &mut Row,
+    (motor, stage): (&[f64], &[f64]),
+    (turning_m_s, rate_hz): (f64, f64),
+) {
+    let band_hz = Criteria::STANDARD.band_share[0] * rate_hz;
     let kernel = |derivative| Kernel::low_pass(band_hz, rate_hz, Action { derivative, advance_s: 0.0 });
     let kernels = [kernel(0), kernel(1), kernel(2)];
     let first = kernels.iter().map(Kernel::half).max().unwrap_or(0) + 1;
@@ -59,7 +62,7 @@ fn add(normal: &mut Products, pull: &mut Row, (motor, stage): (&[f64], &[f64]), 
     let stretch: Vec<f64> = motor.iter().zip(stage).map(|(m, s)| m - s).collect();
     let [x, v, a] = [0, 1, 2].map(|k: usize| kernels[k].apply(&local, grid));
     for (j, d) in kernels[0].apply(&stretch, grid).iter().enumerate() {
-        let row = Row::from([a[j], v[j], sliding_direction(v[j], SMOOTHING_M_S), x[j], 1.0]);
+        let row = Row::from([a[j], v[j], sliding_direction(v[j], turning_m_s), x[j], 1.0]);
         *normal += row * row.transpose();
         *pull += row * *d;
     }
@@ -92,12 +95,12 @@ mod tests {
         for k in 0..40_000 {
             let t = f64::from(k) / rate;
             let (x, v, a) = (of(t, f64::sin, 0), of(t, f64::cos, 1), -of(t, f64::sin, 2));
-            let friction = dry * sliding_direction(v, SMOOTHING_M_S);
+            let friction = dry * sliding_direction(v, 2e-4);
             stage.push(x);
             motor.push(x + (mass * a + friction) / stiffness + 2e-5 * v + 1e-4 * x + 3e-6);
         }
         let (mut normal, mut pull) = (Products::zeros(), Row::zeros());
-        add(&mut normal, &mut pull, (&motor, &stage), rate);
+        add(&mut normal, &mut pull, (&motor, &stage), (2e-4, rate));
         let found = solved(&normal, &pull).expect("a spring");
         let [swing, wound_m] = [stiffness / mass, dry / stiffness];
         assert!((found.swing_rad2_s2 / swing - 1.0).abs() < 0.01, "{found:?} for {swing}");

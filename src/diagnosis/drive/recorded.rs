@@ -1,6 +1,7 @@
 //! The columns of one axis in a recording: thrust in N, positions in m.
 
 use crate::diagnosis::DiagnoseError;
+use crate::diagnosis::criteria::Criteria;
 use crate::diagnosis::steps::coarser_step;
 use crate::plant::machine::AxisModel;
 use crate::sample::Recording;
@@ -17,37 +18,33 @@ pub(in crate::diagnosis) struct Thrust {
     pub(in crate::diagnosis) step_n: f64,
 }
 
+/// What a force may be recorded as.
+const REFERENCES: [&str; 3] = ["thrust_ref_n", "torque_ref_nm", "current_ref_a"];
+
 /// The column that [`thrust`] is read from.
 pub(in crate::diagnosis) fn thrust_column(axis: &AxisModel, recording: &Recording) -> Option<String> {
-    let names = ["thrust_ref_n", "torque_ref_nm", "current_ref_a"].map(|n| format!("{}_{n}", axis.name));
+    let names = REFERENCES.map(|n| format!("{}_{n}", axis.name));
     names.into_iter().find(|name| recording.get(name).is_some())
 }
 
-/// Steps of the force that differ by less of its span are the same step.
-const SAME_STEP: f64 = 1e-6;
-
 /// Thrust from whichever reference is recorded. Errors: none is, or a current without a torque constant.
 pub(in crate::diagnosis) fn thrust(axis: &AxisModel, recording: &Recording) -> Result<Thrust, DiagnoseError> {
-    let name = |suffix: &str| format!("{}_{suffix}", axis.name);
-    let scaled = |values: &[f64], per_unit: f64, is_current| Thrust {
+    let d = &axis.drive;
+    let per_unit = [Some(1.0), Some(1.0 / d.travel_m_rad()), d.thrust_constant_n_a()];
+    let values = |kind: usize| recording.get(&format!("{}_{}", axis.name, REFERENCES[kind]));
+    let Some((kind, values)) = (0..3).find_map(|kind| Some((kind, values(kind)?))) else {
+        let expected = format!("{}_current_ref_a, _torque_ref_nm or _thrust_ref_n", axis.name);
+        return Err(DiagnoseError::MissingColumn { recording: recording.experiment.clone(), expected });
+    };
+    let no_constant = || DiagnoseError::NoTorqueConstant { axis: axis.name.clone() };
+    let per_unit = per_unit[kind].ok_or_else(no_constant)?;
+    let least = Criteria::STANDARD.same_step * span(values);
+    Ok(Thrust {
         reference_n: values.iter().map(|v| v * per_unit).collect(),
         per_unit,
-        is_current,
-        step_n: per_unit * coarser_step(values, SAME_STEP * span(values)).unwrap_or(0.0),
-    };
-    if let Some(force) = recording.get(&name("thrust_ref_n")) {
-        return Ok(scaled(force, 1.0, false));
-    }
-    if let Some(torque) = recording.get(&name("torque_ref_nm")) {
-        return Ok(scaled(torque, 1.0 / axis.drive.travel_m_rad(), false));
-    }
-    if let Some(current) = recording.get(&name("current_ref_a")) {
-        let constant = axis.drive.thrust_constant_n_a();
-        let per_unit = constant.ok_or_else(|| DiagnoseError::NoTorqueConstant { axis: axis.name.clone() })?;
-        return Ok(scaled(current, per_unit, true));
-    }
-    let expected = name("current_ref_a, _torque_ref_nm or _thrust_ref_n");
-    Err(DiagnoseError::MissingColumn { recording: recording.experiment.clone(), expected })
+        is_current: kind == 2,
+        step_n: per_unit * coarser_step(values, least).unwrap_or(0.0),
+    })
 }
 
 /// Position in m from the motor encoder.

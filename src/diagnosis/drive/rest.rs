@@ -1,19 +1,14 @@
 //! What is left above the floor, where it enters, and when.
 
-use super::criteria::Criteria;
 use super::evidence::level;
 use super::gram::BandGram;
 use super::likelihood::{Design, ITERATIONS, Spread};
 use super::signals::Layout;
 use super::state::{Balance, State, residual};
+use crate::diagnosis::criteria::Criteria;
 use crate::plant::effects::Port;
 use rustfft::num_complex::Complex;
 use std::f64::consts::TAU;
-
-/// Bands from which on an axis with one position shows its floor, as a share of the highest frequency.
-const QUIET_FROM: f64 = 0.02;
-/// Share of the excess that the stated band holds.
-const MOST: f64 = 0.95;
 
 /// What a state leaves above the floor.
 #[derive(Debug, Clone, PartialEq)]
@@ -36,7 +31,7 @@ impl Rest {
     /// True where it stands above the floor by itself, or above what the model states to leave.
     pub(super) fn is_left(&self, stated_n: f64) -> bool {
         let c = &Criteria::STANDARD;
-        self.force_n > (c.rest_floors * self.floor_n).max(c.repeat_factor * stated_n).max(self.rounding_n)
+        self.force_n > self.floor_n.max(c.repeat_factor * stated_n).max(self.rounding_n)
     }
 }
 
@@ -66,7 +61,7 @@ pub(super) fn rest_of(balance: &Balance, state: &State, (design, beta): (&Design
             let reference = own().find(|(b, _)| (low_hz..high_hz).contains(&middle(b.band)));
             return reference.or(own().next_back()).map_or([0.0; 3], |(_, s)| *s);
         }
-        let from_hz = QUIET_FROM * balance.signals.top_hz();
+        let from_hz = Criteria::STANDARD.quiet_from * balance.signals.top_hz();
         // Noise of the force is white before the low-pass; where that has taken half of it, nothing is read.
         // Where the low-pass has taken half of it, little is read; a slow recording may have nothing else.
         let quiet = |least: f64| {
@@ -103,7 +98,7 @@ pub(super) fn rest_of(balance: &Balance, state: &State, (design, beta): (&Design
     let mut sum = 0.0;
     let last = by_band.iter().position(|b| {
         sum += b;
-        sum >= MOST * total
+        sum >= Criteria::STANDARD.excess_share * total
     });
     let port = port_of(balance, state, (design, beta), &floors);
     let steps_n = balance.signals.tracks.iter().map(|t| t.reference.step_n);
@@ -208,8 +203,6 @@ pub(super) fn spans_s(
     recording: usize,
     band_hz: [f64; 2],
 ) -> Vec<[f64; 2]> {
-    /// Over the median of the blocks.
-    const LOUD: f64 = 3.0;
     let left = residual(balance, state.base.fitted());
     let track = &balance.signals.tracks[recording];
     let step = balance.signals.step;
@@ -227,7 +220,7 @@ pub(super) fn spans_s(
     }
     let mut sorted: Vec<f64> = powers.iter().map(|p| p.1).collect();
     sorted.sort_by(f64::total_cmp);
-    let limit = LOUD * sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+    let limit = Criteria::STANDARD.loud * sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
     let half_s = 0.5 / balance.plan.bin_hz;
     let mut spans: Vec<[f64; 2]> = Vec::new();
     for (at, _) in powers.iter().filter(|p| p.1 > limit) {

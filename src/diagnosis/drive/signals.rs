@@ -1,12 +1,12 @@
 //! From recordings to aligned, low-passed signals of one axis: at the full rate for laws that are not linear,
 //! thinned for the balance.
 
-use super::criteria::Criteria;
-use super::one_mass::{BAND_SHARE, SMOOTHING_M_S, Spring, THINNED_PER_BAND, spring};
+use super::one_mass::{Spring, THINNED_PER_BAND, spring};
 use super::recorded::{Thrust, is_locked, motor_position, position, span, stage_position, thrust};
-use super::spectra::Series;
+use super::spectra::{SHORTEST_BLOCK, Series};
 use crate::diagnosis::DiagnoseError;
-use crate::diagnosis::cuts::spindle_hz;
+use crate::diagnosis::criteria::Criteria;
+use crate::diagnosis::cuts::{Mask, spindle_hz};
 use crate::diagnosis::encoder_noise::{SpeedOfStep, rounding_m, variance_m2};
 use crate::diagnosis::kernel::{Action, Grid, Kernel};
 use crate::diagnosis::steps::coarser_step;
@@ -16,26 +16,10 @@ use crate::sample::Recording;
 use crate::signal::inner_products::{dot, rms};
 use std::f64::consts::TAU;
 
-/// Pass band of the balance at most, Hz.
-const BAND_HZ: f64 = 800.0;
-/// A balance of one position has no resonance in it and may look higher.
-const BAND_SHARE_RIGID: f64 = 0.1;
-/// Highest frequency looked at over the pass band: what a kernel that is half there still tells.
-const TOP: f64 = 1.1875;
-/// Share of the axial resonance up to which an axis with one position moves as one mass: its stage lags by
-/// 2 % of its inertia there.
-const RIGID_SHARE: f64 = 0.15;
-/// Narrowest band of a velocity, as a share of the rate.
-const VELOCITY_BAND_SHARE: f64 = 0.05;
-/// Quantile of the blocks of a recording in which the axis moves: at rest a step shows no noise.
-const MOVING: f64 = 0.75;
 /// Part of a recording that a slow thrust filter may take at either end.
 const PATH_PARTS: usize = 12;
 /// Lengths of a kernel that a recording holds at least.
 const KERNELS: f64 = 30.0;
-/// Thinned samples that a recording has at least.
-const LEAST_SAMPLES: usize = 48;
-
 /// How many balances there are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::diagnosis) enum Layout {
@@ -111,9 +95,6 @@ pub(super) struct Signals {
     means: [Kernel; 2],
 }
 
-/// Rows of a recording that were not measured; empty: all were.
-pub(in crate::diagnosis) type Mask = Vec<bool>;
-
 /// How this axis is balanced.
 pub(in crate::diagnosis) fn layout(axis: &AxisModel, recordings: &[Recording]) -> Layout {
     let flexible = axis.drive.structure() != Structure::Rigid;
@@ -133,7 +114,7 @@ pub(in crate::diagnosis) fn layout(axis: &AxisModel, recordings: &[Recording]) -
         power[0] += swing_n.len() as f64 * motor_m.max(stage_m).powi(2);
         power[1] += dot(&swing_n, &swing_n) / axis.drive.axial_stiffness_n_m().powi(2);
     }
-    let resolved = power[0].sqrt() < Criteria::STANDARD.unresolved_deflection * power[1].sqrt();
+    let resolved = power[0].sqrt() < Criteria::STANDARD.step_share * power[1].sqrt();
     if resolved { Layout::TwoPositions } else { Layout::OnePosition }
 }
 
@@ -178,46 +159,35 @@ impl Signals {
             .map(|r| found_steps_m(axis, r))
             .fold([0.0_f64; 2], |a, b| [a[0].max(b[0]), a[1].max(b[1])]);
         let by_stage = layout == Layout::OnePosition && stage_is_finer(axis, recordings);
-        let one = |r: &Recording| {
-            let of = one_position(axis, r, by_stage).map(|x| variance_m2(&x, rate_hz, MOVING));
-            of.unwrap_or(0.0)
-        };
-        let noise_m2: Vec<f64> =
-            recordings.iter().map(|r| if layout == Layout::TwoPositions { 0.0 } else { one(r) }).collect();
-        let clean_hz = recordings.iter().zip(&noise_m2).map(|(r, noise)| match layout {
-            Layout::TwoPositions => {
-                let of =
-                    |x: &[f64], mass_kg| clean_band_hz(axis, r, mass_kg, variance_m2(x, rate_hz, MOVING));
-                let motor = motor_position(axis, r).map(|x| of(&x, axis.drive.reflected_mass_kg()));
-                let stage = stage_position(axis, r).map(|x| of(x, axis.drive.movable_mass_kg()));
-                motor.into_iter().chain(stage).fold(f64::INFINITY, f64::min)
-            }
-            Layout::OnePosition => clean_band_hz(axis, r, axis.drive.total_mass_kg(), *noise),
-            // What is held does not move.
-            Layout::Locked => clean_band_hz(axis, r, axis.drive.reflected_mass_kg(), *noise),
+        let two = layout == Layout::TwoPositions;
+        let positions: Vec<Vec<Read>> =
+            recordings.iter().map(|r| positions(axis, r, (layout, by_stage))).collect::<Result<_, _>>()?;
+        let of_one = |read: &[Read]| if two { 0.0 } else { read[0].noise_m2(rate_hz) };
+        let clean_hz = recordings.iter().zip(&positions).flat_map(|(r, all)| {
+            all.iter().map(|read| clean_band_hz(axis, r, (read.mass_kg, read.noise_m2(rate_hz))))
         });
         let one_mass = (layout == Layout::OnePosition).then(|| stage_behind(axis, recordings)).flatten();
         let band_hz = band_hz((layout, rate_hz), one_mass).min(clean_hz.fold(f64::INFINITY, f64::min));
-        let used = if layout == Layout::TwoPositions { steps_m[0].max(steps_m[1]) } else { steps_m[0] };
-        let c = Criteria::STANDARD.velocity_noise;
-        let least_hz = VELOCITY_BAND_SHARE * rate_hz;
-        let by_step = SpeedOfStep { one_position: layout != Layout::TwoPositions, step_m: used, rate_hz };
-        let stated = axis.drive.raw().friction_smoothing_m_s;
-        let usual = match layout {
-            Layout::TwoPositions => SMOOTHING_M_S.max(by_step.at_m_s(least_hz.min(band_hz)) / c),
-            _ => SMOOTHING_M_S,
-        };
+        let step_m = if two { steps_m[0].max(steps_m[1]) } else { steps_m[0] };
+        let by_step = SpeedOfStep { one_position: !two, step_m, rate_hz };
+        let c = &Criteria::STANDARD;
+        let least_hz = c.velocity_band_share * rate_hz;
+        let is_stated = axis.drive.raw().friction_smoothing_m_s.is_some();
+        let mut smoothing_m_s = axis.drive.friction_smoothing_m_s();
+        if two && !is_stated {
+            smoothing_m_s = smoothing_m_s.max(by_step.at_m_s(least_hz.min(band_hz)) / c.step_share);
+        }
         let shortest = recordings.iter().map(Recording::len).min().unwrap_or(1);
         let velocity_hz = by_step
-            .band_hz(c * stated.unwrap_or(usual))
+            .band_hz(c.step_share * smoothing_m_s)
             .max((0.15 * least_hz).max(KERNELS * rate_hz / shortest as f64))
             .min(band_hz);
-        let smoothing_m_s = stated.unwrap_or_else(|| usual.max(by_step.at_m_s(velocity_hz) / c));
+        if !is_stated {
+            smoothing_m_s = smoothing_m_s.max(by_step.at_m_s(velocity_hz) / c.step_share);
+        }
         let most = averaged[0].max(averaged[1]);
         let mean_of_laws = Kernel::mean(most);
-        let low_pass = |derivative| {
-            Kernel::low_pass(band_hz, rate_hz, Action { derivative, advance_s: 0.0 }).after(&mean_of_laws)
-        };
+        let low_pass = |hz, derivative| Kernel::low_pass(hz, rate_hz, Action { derivative, advance_s: 0.0 });
         let mut signals = Self {
             layout,
             rate_hz,
@@ -227,14 +197,14 @@ impl Signals {
             smoothing_m_s,
             tracks: Vec::new(),
             wound_m: one_mass.map_or(0.0, |s| s.wound_m),
-            noise_m2,
-            kernels: [low_pass(0), low_pass(1), low_pass(2)],
-            of_velocity: Kernel::low_pass(velocity_hz, rate_hz, Action { derivative: 1, advance_s: 0.0 }),
+            noise_m2: positions.iter().map(|read| of_one(read)).collect(),
+            kernels: [0, 1, 2].map(|derivative| low_pass(band_hz, derivative).after(&mean_of_laws)),
+            of_velocity: low_pass(velocity_hz, 1),
             means: averaged.map(|rows| Kernel::mean(if rows > 1 { 1 } else { most })),
         };
-        for (k, recording) in recordings.iter().enumerate() {
+        for (k, (recording, read)) in recordings.iter().zip(&positions).enumerate() {
             let mask = masks.get(k).map_or(&[][..], Vec::as_slice);
-            let track = signals.track(axis, recording, (velocity_hz, mask, by_stage))?;
+            let track = signals.track(axis, recording, (read, velocity_hz, mask))?;
             signals.tracks.push(track);
         }
         let count: usize = signals.tracks.iter().map(|t| t.stretch_m.len()).sum();
@@ -250,36 +220,23 @@ impl Signals {
         &self,
         axis: &AxisModel,
         recording: &Recording,
-        (velocity_hz, mask, by_stage): (f64, &[bool], bool),
+        (positions, velocity_hz, mask): (&[Read], f64, &[bool]),
     ) -> Result<Track, DiagnoseError> {
         let reference = thrust(axis, recording)?;
-        let two = self.layout == Layout::TwoPositions;
-        let d = &axis.drive;
-        let of_motor = motor_position(axis, recording).is_some();
-        let delay = |k: usize| if k == 0 { d.motor_encoder_delay_s() } else { d.stage_encoder_delay_s() };
-        let mut raw =
-            vec![(one_position(axis, recording, by_stage)?, delay(usize::from(by_stage || !of_motor)))];
-        if two && let Some(stage) = stage_position(axis, recording) {
-            raw.push((stage.to_vec(), delay(1)));
-        }
-        let kernel = |hz: f64, derivative, advance_s| {
-            Kernel::low_pass(hz, self.rate_hz, Action { derivative, advance_s })
-        };
         let samples = recording.len();
         let path_half = self.path_half(axis).min(samples / PATH_PARTS);
-        let halves = raw.iter().flat_map(|(_, advance_s)| {
-            [(velocity_hz, 1), (self.band_hz, 0)].map(|(hz, order)| kernel(hz, order, *advance_s).half())
-        });
+        let halves = positions.iter().map(|read| self.low_pass(velocity_hz, 1, read.delay_s).half());
         let full_first = halves.max().unwrap_or(0).max(path_half) + 1;
         let thin_first = full_first + self.kernels.iter().map(Kernel::half).max().unwrap_or(0) + 1;
-        let needed = 2 * thin_first + LEAST_SAMPLES * self.step;
+        // Two half-overlapping blocks.
+        let needed = 2 * thin_first + 3 * SHORTEST_BLOCK / 2 * self.step;
         if samples < needed {
             return Err(DiagnoseError::TooShort { recording: recording.experiment.clone(), samples, needed });
         }
         let full = Grid { first: full_first, step: 1, count: samples - 2 * full_first };
         let inside = samples - 2 * thin_first;
         let thin = Grid { first: thin_first, step: self.step, count: inside.div_ceil(self.step) };
-        let (sides, mut out) = self.moved(&raw, velocity_hz, [full, thin]);
+        let (sides, mut out) = self.moved(positions, velocity_hz, [full, thin]);
         let stretch_m = match self.layout {
             Layout::TwoPositions => difference(&sides[0].x_m, &sides[1].x_m),
             Layout::Locked => sides[0].x_m.clone(),
@@ -317,16 +274,19 @@ impl Signals {
         })
     }
 
-    /// Both sides at the full rate, and thinned. `raw`: positions and when each was read.
-    fn moved(&self, raw: &[(Vec<f64>, f64)], velocity_hz: f64, [full, thin]: [Grid; 2]) -> ([Side; 2], Thin) {
+    /// The low-pass of a band, of the signal that much later.
+    fn low_pass(&self, hz: f64, derivative: u32, advance_s: f64) -> Kernel {
+        Kernel::low_pass(hz, self.rate_hz, Action { derivative, advance_s })
+    }
+
+    /// Both sides at the full rate, and thinned.
+    fn moved(&self, positions: &[Read], velocity_hz: f64, [full, thin]: [Grid; 2]) -> ([Side; 2], Thin) {
         let mut sides: [Side; 2] = Default::default();
         let mut out = Thin::default();
-        for (k, (x, advance_s)) in raw.iter().enumerate() {
-            let origin = x[0];
-            let local: Vec<f64> = x.iter().map(|v| v - origin).collect();
-            let kernel = |hz: f64, derivative| {
-                Kernel::low_pass(hz, self.rate_hz, Action { derivative, advance_s: *advance_s })
-            };
+        for (k, read) in positions.iter().enumerate() {
+            let origin = read.x_m[0];
+            let local: Vec<f64> = read.x_m.iter().map(|v| v - origin).collect();
+            let kernel = |hz, derivative| self.low_pass(hz, derivative, read.delay_s);
             let of = |hz, derivative, grid| kernel(hz, derivative).apply(&local, grid);
             let of_thin =
                 |derivative| kernel(self.band_hz, derivative).after(&self.means[1]).apply(&local, thin);
@@ -358,7 +318,7 @@ impl Signals {
 
     /// Highest frequency looked at, Hz.
     pub(super) fn top_hz(&self) -> f64 {
-        (TOP * self.band_hz).min(0.45 * self.thin_rate_hz())
+        (Criteria::STANDARD.top * self.band_hz).min(0.45 * self.thin_rate_hz())
     }
 
     /// Half the time that a column was averaged over: what a mean of past rows is late by, s.
@@ -369,6 +329,11 @@ impl Signals {
     /// Number of balances.
     pub(super) fn sides(&self) -> usize {
         if self.layout == Layout::TwoPositions { 2 } else { 1 }
+    }
+
+    /// The side of the stage, of the axis where there is one position.
+    pub(super) fn last(&self) -> usize {
+        self.sides() - 1
     }
 
     /// Least way over which friction that turns is told from a step, from a stage behind its spring, and from
@@ -495,12 +460,41 @@ impl Track {
     }
 }
 
-/// The position that one mass is taken at.
-fn one_position(axis: &AxisModel, recording: &Recording, by_stage: bool) -> Result<Vec<f64>, DiagnoseError> {
-    match stage_position(axis, recording).filter(|_| by_stage) {
-        Some(stage) => Ok(stage.to_vec()),
-        None => position(axis, recording),
+/// A position that a balance is made of, when it was read, and the mass that its noise goes through.
+struct Read {
+    x_m: Vec<f64>,
+    delay_s: f64,
+    mass_kg: f64,
+}
+
+impl Read {
+    fn noise_m2(&self, rate_hz: f64) -> f64 {
+        variance_m2(&self.x_m, rate_hz, Criteria::STANDARD.moving)
     }
+}
+
+/// Motor and stage; of one position the motor, or the stage where there is no other, or it is to be that one.
+fn positions(
+    axis: &AxisModel,
+    recording: &Recording,
+    (layout, by_stage): (Layout, bool),
+) -> Result<Vec<Read>, DiagnoseError> {
+    let d = &axis.drive;
+    let mass_kg = match layout {
+        Layout::TwoPositions => [d.reflected_mass_kg(), d.movable_mass_kg()],
+        Layout::OnePosition => [d.total_mass_kg(); 2],
+        // What is held does not move.
+        Layout::Locked => [d.reflected_mass_kg(); 2],
+    };
+    let motor = motor_position(axis, recording).filter(|_| !by_stage);
+    let has_stage = layout == Layout::TwoPositions || motor.is_none();
+    let stage = stage_position(axis, recording).filter(|_| has_stage).map(<[f64]>::to_vec);
+    let delay_s = [d.motor_encoder_delay_s(), d.stage_encoder_delay_s()];
+    let read = |(k, x_m): (usize, Option<Vec<f64>>)| {
+        x_m.map(|x_m| Read { x_m, delay_s: delay_s[k], mass_kg: mass_kg[k] })
+    };
+    let all: Vec<Read> = [motor, stage].into_iter().enumerate().filter_map(read).collect();
+    if all.is_empty() { position(axis, recording).map(|_| all) } else { Ok(all) }
 }
 
 /// True where the scale has less than half of the noise of the motor's encoder.
@@ -511,14 +505,16 @@ fn stage_is_finer(axis: &AxisModel, recordings: &[Recording]) -> bool {
         };
         let rate_hz = r.sample_rate.hz();
         // One that never changes is of what is held.
-        span(stage) > 0.0 && 4.0 * variance_m2(stage, rate_hz, MOVING) < variance_m2(&motor, rate_hz, MOVING)
+        span(stage) > 0.0
+            && 4.0 * variance_m2(stage, rate_hz, Criteria::STANDARD.moving)
+                < variance_m2(&motor, rate_hz, Criteria::STANDARD.moving)
     })
 }
 
 /// Up to where the noise of a position makes little force through the mass, Hz.
 ///
 /// White noise of variance s^2 below f: rms M s (2 pi f)^2 (2 f / (5 rate))^(1/2).
-fn clean_band_hz(axis: &AxisModel, recording: &Recording, mass_kg: f64, noise_m2: f64) -> f64 {
+fn clean_band_hz(axis: &AxisModel, recording: &Recording, (mass_kg, noise_m2): (f64, f64)) -> f64 {
     let rate_hz = recording.sample_rate.hz();
     let Ok(thrust) = thrust(axis, recording) else { return f64::INFINITY };
     let mean = thrust.reference_n.iter().sum::<f64>() / thrust.reference_n.len().max(1) as f64;
@@ -538,11 +534,9 @@ fn stage_behind(axis: &AxisModel, recordings: &[Recording]) -> Option<Spring> {
 }
 
 fn band_hz((layout, rate_hz): (Layout, f64), one_mass: Option<Spring>) -> f64 {
-    if layout == Layout::TwoPositions {
-        return (BAND_SHARE * rate_hz).min(BAND_HZ);
-    }
-    let widest = (BAND_SHARE_RIGID * rate_hz).min(BAND_HZ);
-    one_mass.map_or(widest, |s| widest.min(RIGID_SHARE * s.swing_rad2_s2.sqrt() / TAU))
+    let c = &Criteria::STANDARD;
+    let widest = (c.band_share[usize::from(layout != Layout::TwoPositions)] * rate_hz).min(c.band_hz);
+    one_mass.map_or(widest, |s| widest.min(c.rigid_share * s.swing_rad2_s2.sqrt() / TAU))
 }
 
 /// A series through a kernel where that has all of its length, else as in `ends`.
@@ -555,6 +549,7 @@ fn inside(kernel: &Kernel, full: &[f64], mut ends: Vec<f64>) -> Vec<f64> {
     ends
 }
 
-fn difference(a: &[f64], b: &[f64]) -> Vec<f64> {
+/// One series less another.
+pub(super) fn difference(a: &[f64], b: &[f64]) -> Vec<f64> {
     a.iter().zip(b).map(|(a, b)| a - b).collect()
 }

@@ -16,11 +16,11 @@ use std::sync::Arc;
 const EDGES: [f64; 12] = [0.0, 2.0, 5.0, 10.0, 20.0, 40.0, 80.0, 160.0, 320.0, 500.0, 700.0, 950.0];
 /// Parts of a recording that are held out in turn.
 pub(super) const FOLDS: usize = 4;
-/// Blocks that all recordings together are cut into, at least; longest and shortest block.
+/// Blocks that all recordings together are cut into, at least; longest and shortest block, which is what is
+/// measured at least.
 const LEAST_BLOCKS: usize = 24;
-const BLOCK: [usize; 2] = [32, 2048];
-/// Thinned samples in whole blocks, at least: a shortest block and its overlap.
-pub(super) const LEAST_MEASURED: usize = BLOCK[0];
+const LONGEST_BLOCK: usize = 2048;
+pub(super) const SHORTEST_BLOCK: usize = 32;
 /// Bins that a band has at least.
 const LEAST_BINS: usize = 2;
 
@@ -138,7 +138,7 @@ impl Plan {
 
     /// True where masks leave something to fit and something to judge it by.
     pub(super) fn is_enough(&self) -> bool {
-        self.measured() >= LEAST_MEASURED as f64
+        self.measured() >= SHORTEST_BLOCK as f64
     }
 
     /// Thinned samples that the blocks stand for.
@@ -149,6 +149,16 @@ impl Plan {
     /// Number of recordings.
     pub(super) fn recordings(&self) -> usize {
         self.begins.len()
+    }
+
+    /// Bins of a block of a recording, each with its place in a spectrum.
+    fn bins(&self, recording: usize, block: usize) -> impl Iterator<Item = (usize, usize)> {
+        let starts = &self.starts[recording][block];
+        let of = |([from, to], start): (&[usize; 2], &usize)| {
+            let (from, start) = (*from, *start);
+            (from..*to).map(move |bin| (bin, start + 2 * (bin - from)))
+        };
+        self.bands.iter().zip(starts).flat_map(of)
     }
 
     /// The spectra of a series.
@@ -167,13 +177,10 @@ impl Plan {
                 if self.forward.process(&mut input, &mut bins).is_err() {
                     continue; // lengths are the plan's own
                 }
-                for (band, [from, to]) in self.bands.iter().enumerate() {
-                    let start = self.starts[r][k][band];
-                    for (j, bin) in (*from..*to).enumerate() {
-                        let scale = (if bin == 0 { 1.0 } else { 2.0 } / self.block as f64).sqrt();
-                        out[start + 2 * j] = scale * bins[bin].re;
-                        out[start + 2 * j + 1] = scale * bins[bin].im;
-                    }
+                for (bin, place) in self.bins(r, k) {
+                    let scale = (if bin == 0 { 1.0 } else { 2.0 } / self.block as f64).sqrt();
+                    out[place] = scale * bins[bin].re;
+                    out[place + 1] = scale * bins[bin].im;
                 }
             }
         }
@@ -189,13 +196,10 @@ impl Plan {
             let mut x = vec![0.0; *length];
             for (k, begin) in self.begins[r].iter().enumerate() {
                 bins.fill(Complex::new(0.0, 0.0));
-                for (band, [from, to]) in self.bands.iter().enumerate() {
-                    let start = self.starts[r][k][band];
-                    for (j, bin) in (*from..*to).enumerate() {
-                        let scale = (if bin == 0 { 1.0 } else { 2.0 } * self.block as f64).sqrt().recip();
-                        let im = if bin == 0 { 0.0 } else { spectrum[start + 2 * j + 1] };
-                        bins[bin] = scale * Complex::new(spectrum[start + 2 * j], im);
-                    }
+                for (bin, place) in self.bins(r, k) {
+                    let scale = (if bin == 0 { 1.0 } else { 2.0 } * self.block as f64).sqrt().recip();
+                    let im = if bin == 0 { 0.0 } else { spectrum[place + 1] };
+                    bins[bin] = scale * Complex::new(spectrum[place], im);
                 }
                 if self.inverse.process(&mut bins, &mut block).is_ok() {
                     let into = &mut x[*begin..(*begin + self.block).min(*length)];
@@ -211,17 +215,13 @@ impl Plan {
     /// keep is the spectrum and the character of what is left, no law can be true of them.
     pub(super) fn turned(&self, spectrum: &[f64], share: f64) -> Spectrum {
         let mut out = vec![0.0; self.total];
-        for starts in &self.starts {
-            let blocks = starts.len();
+        for (r, begins) in self.begins.iter().enumerate() {
+            let blocks = begins.len();
             let by = (share * blocks as f64) as usize;
             for k in 0..blocks {
                 let sign = if 2 * k < blocks { 1.0 } else { -1.0 };
-                let from = &starts[(k + by) % blocks.max(1)];
-                for (band, [low, high]) in self.bands.iter().enumerate() {
-                    let length = 2 * (high - low);
-                    let source = &spectrum[from[band]..from[band] + length];
-                    let target = &mut out[starts[k][band]..starts[k][band] + length];
-                    target.iter_mut().zip(source).for_each(|(t, s)| *t = sign * s);
+                for ((_, to), (_, from)) in self.bins(r, k).zip(self.bins(r, (k + by) % blocks)) {
+                    (out[to], out[to + 1]) = (sign * spectrum[from], sign * spectrum[from + 1]);
                 }
             }
         }
@@ -233,11 +233,8 @@ impl Plan {
         let of = |(k, begin): (usize, &usize)| {
             let last = self.bands.last().map_or(0, |b| b[1]);
             let mut power = vec![0.0; last];
-            for (band, [from, to]) in self.bands.iter().enumerate() {
-                let start = self.starts[recording][k][band];
-                for (j, bin) in (*from..*to).enumerate() {
-                    power[bin] = spectrum[start + 2 * j].powi(2) + spectrum[start + 2 * j + 1].powi(2);
-                }
+            for (bin, place) in self.bins(recording, k) {
+                power[bin] = spectrum[place].powi(2) + spectrum[place + 1].powi(2);
             }
             (begin + self.block / 2, power)
         };
@@ -277,10 +274,10 @@ fn block_length(masked: &[Vec<bool>]) -> usize {
     const KEPT: f64 = 0.8;
     let total: usize = masked.iter().map(Vec::len).sum();
     let shortest = masked.iter().map(Vec::len).min().unwrap_or(0);
-    let most = (total / LEAST_BLOCKS).min(shortest).clamp(BLOCK[0], BLOCK[1]);
+    let most = (total / LEAST_BLOCKS).min(shortest).clamp(SHORTEST_BLOCK, LONGEST_BLOCK);
     let longest = if most.is_power_of_two() { most } else { most.next_power_of_two() / 2 };
     let lengths: Vec<usize> =
-        std::iter::successors(Some(longest), |b| Some(b / 2)).take_while(|b| *b >= BLOCK[0]).collect();
+        std::iter::successors(Some(longest), |b| Some(b / 2)).take_while(|b| *b >= SHORTEST_BLOCK).collect();
     let kept = |b: &usize| masked.iter().map(|m| whole_blocks(m, *b).len()).sum::<usize>() * b;
     let best = lengths.iter().map(kept).max().unwrap_or(0);
     lengths.iter().copied().find(|b| kept(b) as f64 >= KEPT * best as f64).unwrap_or(longest)

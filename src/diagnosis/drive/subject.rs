@@ -2,13 +2,13 @@
 
 use super::bank::candidates;
 use super::columns::{DIFFERENCE, TimeColumn};
-use super::criteria::Criteria;
 use super::evidence::{Asked, Wider, ask, level, price, statistic, wider};
 use super::gram::{Gram, Part};
 use super::laws::position_dependent_force::{Map, Over};
 use super::laws::{Hypothesis, Shape};
 use super::likelihood::{Design, FREE, values};
 use super::state::{Accepted, Balance, State};
+use crate::diagnosis::criteria::Criteria;
 use crate::diagnosis::selection::{Fitted, Screened, Subject, Work};
 use crate::diagnosis::two_cores::on_two_cores;
 use crate::plant::effects::Port;

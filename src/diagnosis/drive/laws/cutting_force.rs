@@ -42,14 +42,22 @@ fn facts() -> Facts {
     Facts { is_of_one_recording: true, ..facts }
 }
 
+impl Cut {
+    /// Harmonics up to the highest frequency looked at.
+    fn harmonics(&self, signals: &Signals) -> usize {
+        CUT_HARMONICS.min(((signals.top_hz() / self.hz) as usize).max(1))
+    }
+}
+
 impl Law for Cut {
     fn facts(&self) -> Facts {
         facts()
     }
 
     fn tell(&self, told: &Told<'_>, sheet: &mut Sheet) -> bool {
-        let (peak_n, sd_n) = peak_of_cut(told.amplitudes, told.deviation(0));
-        tell(sheet, [self.hz, told.relative(0)], [peak_n, sd_n], (self.window_s, 0.02));
+        let harmonics = self.harmonics(&told.balance.signals);
+        let peak = peak_of_cut(told.amplitudes, harmonics, told.deviation(0));
+        tell(sheet, [self.hz, told.relative(0)], peak, (self.window_s, 0.02));
         true
     }
 
@@ -63,25 +71,18 @@ impl Law for Cut {
 
     /// Harmonics and mean in a window; every recording has columns of its own.
     fn columns(&self, ground: &Ground<'_>, _: Port) -> Option<Vec<TimeColumn>> {
-        let Self { hz, window_s } = *self;
-        let side = usize::from(ground.signals.sides() == 2);
-        let empty = ground.signals.each(|t| vec![0.0; t.thin_count()]);
+        let Self { hz, window_s: [start_s, end_s] } = *self;
+        let s = ground.signals;
+        let inside = |t_s: f64| (start_s..end_s).contains(&t_s);
         let mut out = Vec::new();
-        for (r, track) in ground.signals.tracks.iter().enumerate() {
-            let inside = |j: usize| {
-                let t = track.thin_s(j, ground.signals.step);
-                (t >= window_s[0] && t < window_s[1]).then_some(t)
-            };
-            if !(0..track.thin_count()).any(|j| inside(j).is_some()) {
+        for (r, track) in s.tracks.iter().enumerate() {
+            if !(0..track.thin_count()).any(|j| inside(track.thin_s(j, s.step))) {
                 continue;
             }
             let mut push = |f: &dyn Fn(f64) -> f64| {
-                let mut series = empty.clone();
-                series[r].iter_mut().enumerate().for_each(|(j, v)| *v = inside(j).map_or(0.0, f));
-                out.push(TimeColumn::at(side, series));
+                out.push(ground.in_recording(r, s.last(), |t_s| if inside(t_s) { f(t_s) } else { 0.0 }));
             };
-            let heard = (ground.signals.top_hz() / hz) as usize;
-            for h in 1..=CUT_HARMONICS.min(heard.max(1)) {
+            for h in 1..=self.harmonics(s) {
                 let w = TAU * hz * h as f64;
                 push(&|t| (w * t).sin());
                 push(&|t| (w * t).cos());
@@ -121,13 +122,9 @@ impl Law for Push {
     }
 
     fn columns(&self, ground: &Ground<'_>, _: Port) -> Option<Vec<TimeColumn>> {
-        let mut series = ground.signals.each(|t| vec![0.0; t.thin_count()]);
-        let track = &ground.signals.tracks[self.recording];
-        for (j, v) in series[self.recording].iter_mut().enumerate() {
-            let t = track.thin_s(j, ground.signals.step);
-            *v = f64::from(u8::from(t >= self.window_s[0] && t < self.window_s[1]));
-        }
-        Some(vec![TimeColumn::at(usize::from(ground.signals.sides() == 2), series)])
+        let [start_s, end_s] = self.window_s;
+        let inside = |t_s: f64| f64::from(u8::from((start_s..end_s).contains(&t_s)));
+        Some(vec![ground.in_recording(self.recording, ground.signals.last(), inside)])
     }
 
     fn window_s(&mut self) -> Option<&mut [f64; 2]> {
@@ -135,23 +132,17 @@ impl Law for Push {
     }
 }
 
-/// Sine and cosine of each harmonic, then the mean: how many numbers a recording has.
-fn numbers_of_cut(amplitudes: &[f64]) -> usize {
-    let sets = (1..=8).filter(|n| amplitudes.len().is_multiple_of(*n));
-    let lengths: Vec<usize> = sets.map(|n| amplitudes.len() / n).collect();
-    lengths.iter().copied().find(|l| l % 2 == 1 && *l <= 2 * CUT_HARMONICS + 1).unwrap_or(1)
-}
-
 /// Largest force of a cut over a period, its mean included, of the recording where it is largest.
 ///
 /// A tool that cuts part of the time pushes in pulses: their height is what the machine feels, not the
 /// amplitude of one harmonic.
-fn peak_of_cut(amplitudes: &[f64], deviation: f64) -> (f64, f64) {
+fn peak_of_cut(amplitudes: &[f64], harmonics: usize, deviation: f64) -> [f64; 2] {
     /// Places in a period.
     const PLACES: usize = 360;
-    let length = numbers_of_cut(amplitudes);
+    // Sine and cosine of each harmonic, then the mean.
+    let length = 2 * harmonics + 1;
     let mut most = 0.0_f64;
-    for set in amplitudes.chunks_exact(length.max(1)) {
+    for set in amplitudes.chunks_exact(length) {
         for place in 0..PLACES {
             let turn = TAU * place as f64 / PLACES as f64;
             let waves = set[..length - 1].chunks_exact(2).enumerate();
@@ -164,7 +155,7 @@ fn peak_of_cut(amplitudes: &[f64], deviation: f64) -> (f64, f64) {
             most = most.max((set[length - 1] + wave).abs());
         }
     }
-    (most, deviation * (length as f64).sqrt())
+    [most, deviation * (length as f64).sqrt()]
 }
 
 impl Search<'_> {
@@ -196,8 +187,7 @@ impl Search<'_> {
 /// Lines that stand out of the unwhitened stage balance with their harmonics, for a while.
 fn cuts(balance: &Balance, left: &Column) -> Vec<Hypothesis> {
     let s = &balance.signals;
-    let side = usize::from(s.sides() == 2);
-    let Some(spectrum) = &left.sides[side] else { return Vec::new() };
+    let Some(spectrum) = &left.sides[s.last()] else { return Vec::new() };
     let bin_hz = balance.plan.bin_hz;
     let series = balance.plan.series(spectrum, &s.lengths());
     let mut best: Vec<(f64, f64, usize)> = Vec::new();
@@ -228,11 +218,9 @@ fn cuts(balance: &Balance, left: &Column) -> Vec<Hypothesis> {
 
 /// The first of a line's harmonics that is there itself: what repeats after a period does so after two.
 fn first_line(alone: &[f64], k: usize) -> usize {
-    /// Over the strongest of them.
-    const THERE: f64 = 0.25;
     let of = |h: usize| alone.get(h * k).copied().unwrap_or(0.0);
     let strongest = (1..=SEARCHED_HARMONICS).map(of).fold(0.0, f64::max);
-    k * (1..=SEARCHED_HARMONICS).find(|h| of(*h) >= THERE * strongest).unwrap_or(1)
+    k * (1..=SEARCHED_HARMONICS).find(|h| of(*h) >= Criteria::STANDARD.line_share * strongest).unwrap_or(1)
 }
 
 /// The line near `hz` in one recording, where its envelope is above half of its plateau.

@@ -38,16 +38,9 @@ impl Law for Mains {
 
     /// Sine and cosine, of every recording its own.
     fn columns(&self, ground: &Ground<'_>, _: Port) -> Option<Vec<TimeColumn>> {
-        let tracks = &ground.signals.tracks;
-        let of = |own: usize, f: fn(f64) -> f64| {
-            let series = |(r, t): (usize, &Track)| {
-                let at = |j| if r == own { f(TAU * self.hz * t.thin_s(j, ground.signals.step)) } else { 0.0 };
-                (0..t.thin_count()).map(at).collect()
-            };
-            let series = tracks.iter().enumerate().map(series).collect();
-            TimeColumn::at(0, series)
-        };
-        Some((0..tracks.len()).flat_map(|r| [of(r, f64::sin), of(r, f64::cos)]).collect())
+        let of = |own, f: fn(f64) -> f64| ground.in_recording(own, 0, |t_s| f(TAU * self.hz * t_s));
+        let recordings = 0..ground.signals.tracks.len();
+        Some(recordings.flat_map(|r| [of(r, f64::sin), of(r, f64::cos)]).collect())
     }
 
     fn fault(&self, amplitudes: &[f64], recording: usize) -> Option<ForceFaultKind> {

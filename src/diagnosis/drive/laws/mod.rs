@@ -37,11 +37,11 @@ pub(crate) use stated::Stated;
 
 use super::balance::{Balance, Standing};
 use super::columns::{At, Ground, SpringLaw, TimeColumn};
-use super::criteria::{Criteria, Z95};
 use super::gram::Column;
 use super::lines::{Demodulated, strongest_off};
 use super::number::Mechanics;
 use super::signals::{Layout, Path, Signals, Track};
+use crate::diagnosis::criteria::{Criteria, Z95};
 use crate::diagnosis::result::ForceFaultKind;
 use crate::plant::drive::RawDriveParams;
 use crate::plant::effects::{
@@ -373,13 +373,13 @@ impl Hypothesis {
 
     /// True where a constant is at a bound, to 2 %: then it is none.
     pub(crate) fn is_at_bound(&self) -> bool {
-        const NEAR: f64 = 0.02;
-        let near = |c: &Free<'_>| {
+        let near = Criteria::STANDARD.at_bound;
+        let is_near = |c: &Free<'_>| {
             let [low, high] = c.parameter.bounds;
-            *c.value < low * (1.0 + NEAR) || *c.value > high * (1.0 - NEAR)
+            *c.value < low * (1.0 + near) || *c.value > high * (1.0 - near)
         };
         let mut own = self.shape;
-        own.law_mut().constants().iter().any(near)
+        own.law_mut().constants().iter().any(is_near)
     }
 
     /// The same with every constant moved by a step of its logarithm, within its bounds.

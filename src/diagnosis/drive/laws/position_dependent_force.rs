@@ -96,7 +96,7 @@ impl Law for Map {
     /// Splines over the travel.
     fn columns(&self, ground: &Ground<'_>, _: Port) -> Option<Vec<TimeColumn>> {
         let signals = ground.signals;
-        let side = usize::from(signals.sides() == 2);
+        let side = signals.last();
         let abscissa = signals.each(|t| match self.over {
             Over::Position => t.thin.position.clone(),
             Over::Speed => t.thin.velocity[side].iter().map(|v| v.abs()).collect(),
@@ -132,11 +132,10 @@ impl Law for Map {
     }
 }
 
-/// Way since the axis last turned round, by more than a thousandth of its travel.
+/// Way since the axis last turned round.
 fn since_reversal(x: &[f64]) -> Vec<f64> {
-    const TURNED: f64 = 1e-3;
     let [low, high] = x.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |e, v| [e[0].min(*v), e[1].max(*v)]);
-    let turned = TURNED * (high - low);
+    let turned = Criteria::STANDARD.reversal * (high - low);
     let (mut from, mut end, mut sign) = (x.first().copied().unwrap_or(0.0), 0.0, 0.0_f64);
     let mut out = Vec::with_capacity(x.len());
     for v in x {

@@ -16,8 +16,7 @@ pub(super) const EFFECT: Effect = Effect {
         // slow wave has made its own band worthless.
         let of_screw = search.lead_m.into_iter().flat_map(|l| [l, 0.5 * l]);
         let of_screw = of_screw.filter(|l| (shortest..longest).contains(l));
-        let found = [search.whitened(search.last()), search.plain(search.last())];
-        let found = found.into_iter().flat_map(|x| search.peaks(&x, [shortest, longest]));
+        let found = search.peaks_of_both(search.signals.last(), [shortest, longest]);
         // What lasts while the axis moves at one speed is a wave over position as well.
         let of_lines = search.ways_of_lines().into_iter().filter(|l| !search.is_of_turn(*l));
         let all = of_screw.chain(found).chain(of_lines);

@@ -5,7 +5,7 @@ use crate::plant::effects::presliding_friction as law;
 
 pub(super) const EFFECT: Effect = Effect {
     candidates: |search| {
-        let least_m = search.signals.least_way_m(search.last());
+        let least_m = search.signals.least_way_m(search.signals.last());
         let (most_m, count) = match search.signals.layout {
             // Of what is held friction's bristle is in the train, and no softer.
             Layout::Locked => (search.coulomb_n / search.now.mechanics.stiffness_n_m, 6),
@@ -73,6 +73,6 @@ impl Law for Presliding {
     }
 
     fn is_usual(&self, ground: &Ground<'_>, _: f64, _: &[f64]) -> bool {
-        self.yield_m < ground.signals.least_way_m(ground.signals.sides() - 1)
+        self.yield_m < ground.signals.least_way_m(ground.signals.last())
     }
 }

@@ -1,6 +1,6 @@
 //! A state and what it leaves, as effects look for places to begin at.
 
-use super::{Balance, Column, Complex, Hypothesis, Layout, Signals, Standing};
+use super::{Balance, Column, Complex, Hypothesis, Signals, Standing};
 use crate::diagnosis::drive::spectra::Series;
 use rustfft::FftPlanner;
 use std::cell::OnceCell;
@@ -27,37 +27,12 @@ pub(crate) struct Search<'a> {
     /// Spectra of what is left.
     pub(crate) left: Column,
     /// In time, through the weights of its bands.
-    whitened: [Series; 2],
-    lines: OnceCell<Vec<Hypothesis>>,
+    pub(crate) whitened: [Series; 2],
+    /// See [`Search::lines`].
+    pub(crate) found: OnceCell<Vec<Hypothesis>>,
 }
 
-impl<'a> Search<'a> {
-    /// For a state: its numbers, what is left of it.
-    pub(crate) fn new(
-        balance: &'a Balance,
-        (now, coulomb_n): (Standing, f64),
-        has_command: bool,
-        (left, whitened): (Column, [Series; 2]),
-    ) -> Self {
-        Self {
-            balance,
-            signals: &balance.signals,
-            two: balance.signals.layout == Layout::TwoPositions,
-            lead_m: balance.drive.screw_lead_m(),
-            now,
-            coulomb_n,
-            has_command,
-            left,
-            whitened,
-            lines: OnceCell::new(),
-        }
-    }
-
-    /// The side of the stage, of the axis where there is one position.
-    pub(crate) fn last(&self) -> usize {
-        usize::from(self.two)
-    }
-
+impl Search<'_> {
     pub(crate) fn travel_m(&self) -> f64 {
         let [low, high] = self.signals.travel_m();
         high - low
@@ -69,19 +44,55 @@ impl<'a> Search<'a> {
         spectrum.map_or_else(Vec::new, |x| self.balance.plan.series(x, &self.signals.lengths()))
     }
 
-    /// The same through the weights of its bands.
-    pub(crate) fn whitened(&self, side: usize) -> Series {
-        self.whitened[side].clone()
-    }
-
     /// Lines that stand out of it.
     pub(crate) fn lines(&self) -> &[Hypothesis] {
-        self.lines.get_or_init(|| self.found_lines())
+        self.found.get_or_init(|| self.found_lines())
     }
 
-    /// Wavelengths at which a series has its strongest waves over position.
-    pub(crate) fn peaks(&self, series: &[Vec<f64>], range_m: [f64; 2]) -> Vec<f64> {
-        peaks(self.balance, series, range_m)
+    /// The strongest waves over position of what is left, through the weights of its bands and as it is.
+    pub(crate) fn peaks_of_both(&self, side: usize, range_m: [f64; 2]) -> Vec<f64> {
+        let weighted = self.peaks(&self.whitened[side], range_m);
+        weighted.into_iter().chain(self.peaks(&self.plain(side), range_m)).collect()
+    }
+
+    /// Wavelengths at which a series has its strongest waves over position, strongest first.
+    pub(crate) fn peaks(&self, series: &[Vec<f64>], [shortest, longest]: [f64; 2]) -> Vec<f64> {
+        let [low, high] = self.signals.travel_m();
+        let spacing = shortest / PLACES;
+        let places = (((high - low) / spacing) as usize + 2).min(1 << 21);
+        let n = (4 * places).next_power_of_two();
+        let mut line = vec![Complex::new(0.0, 0.0); n];
+        for (track, x) in self.signals.tracks.iter().zip(series) {
+            for (value, position) in x.iter().zip(&track.thin.position) {
+                let place = ((position - low) / spacing).clamp(0.0, (places - 2) as f64);
+                let (k, part) = (place as usize, place.fract());
+                line[k].re += value * (1.0 - part);
+                line[k + 1].re += value * part;
+            }
+        }
+        FftPlanner::new().plan_fft_forward(n).process(&mut line);
+        let length = n as f64 * spacing;
+        let [from, to] = [longest, shortest].map(|l| ((length / l) as usize).clamp(1, n / 2 - 1));
+        let power: Vec<f64> = line[..=to].iter().map(|v| v.norm_sqr()).collect();
+        let mut tops: Vec<usize> =
+            (from.max(2)..to).filter(|k| power[*k] >= power[k - 1] && power[*k] > power[k + 1]).collect();
+        tops.sort_by(|a, b| power[*b].total_cmp(&power[*a]));
+        // Side lobes of a peak are four zero-padded places wide.
+        let mut kept: Vec<usize> = Vec::new();
+        for k in tops {
+            if kept.iter().all(|o| o.abs_diff(k) > 8) {
+                kept.push(k);
+            }
+            if kept.len() == PEAKS {
+                break;
+            }
+        }
+        let refined = |k: usize| {
+            let [a, b, c] = [power[k - 1], power[k], power[k + 1]].map(|p| p.max(1e-300).ln());
+            let shift = 0.5 * (a - c) / (a - 2.0 * b + c).min(-1e-12);
+            length / (k as f64 + shift)
+        };
+        kept.into_iter().map(refined).collect()
     }
 }
 
@@ -89,44 +100,4 @@ impl<'a> Search<'a> {
 pub(crate) fn grid(from: f64, to: f64, count: usize) -> impl Iterator<Item = f64> {
     let step = (to / from).max(1.0).powf(1.0 / (count.max(2) - 1) as f64);
     (0..count).map(move |k| from * step.powi(k as i32))
-}
-
-/// Wavelengths at which a whitened residual has its strongest waves over position, strongest first.
-fn peaks(balance: &Balance, whitened: &[Vec<f64>], [shortest, longest]: [f64; 2]) -> Vec<f64> {
-    let [low, high] = balance.signals.travel_m();
-    let spacing = shortest / PLACES;
-    let places = (((high - low) / spacing) as usize + 2).min(1 << 21);
-    let n = (4 * places).next_power_of_two();
-    let mut line = vec![Complex::new(0.0, 0.0); n];
-    for (track, x) in balance.signals.tracks.iter().zip(whitened) {
-        for (value, position) in x.iter().zip(&track.thin.position) {
-            let place = ((position - low) / spacing).clamp(0.0, (places - 2) as f64);
-            let (k, part) = (place as usize, place.fract());
-            line[k].re += value * (1.0 - part);
-            line[k + 1].re += value * part;
-        }
-    }
-    FftPlanner::new().plan_fft_forward(n).process(&mut line);
-    let length = n as f64 * spacing;
-    let [from, to] = [longest, shortest].map(|l| ((length / l) as usize).clamp(1, n / 2 - 1));
-    let power: Vec<f64> = line[..=to].iter().map(|v| v.norm_sqr()).collect();
-    let mut tops: Vec<usize> =
-        (from.max(2)..to).filter(|k| power[*k] >= power[k - 1] && power[*k] > power[k + 1]).collect();
-    tops.sort_by(|a, b| power[*b].total_cmp(&power[*a]));
-    // Side lobes of a peak are four zero-padded places wide.
-    let mut kept: Vec<usize> = Vec::new();
-    for k in tops {
-        if kept.iter().all(|o| o.abs_diff(k) > 8) {
-            kept.push(k);
-        }
-        if kept.len() == PEAKS {
-            break;
-        }
-    }
-    let refined = |k: usize| {
-        let [a, b, c] = [power[k - 1], power[k], power[k + 1]].map(|p| p.max(1e-300).ln());
-        let shift = 0.5 * (a - c) / (a - 2.0 * b + c).min(-1e-12);
-        length / (k as f64 + shift)
-    };
-    kept.into_iter().map(refined).collect()
 }

@@ -5,7 +5,7 @@ use crate::plant::effects::stribeck_friction::{FORCE, SPECIFICATION, SPEED, stri
 
 pub(super) const EFFECT: Effect = Effect {
     candidates: |search| {
-        let speeds = search.signals.tracks.iter().flat_map(|t| &t.thin.velocity[search.last()]);
+        let speeds = search.signals.tracks.iter().flat_map(|t| &t.thin.velocity[search.signals.last()]);
         let fastest = speeds.fold(0.0_f64, |m, v| m.max(v.abs()));
         let least = Criteria::STANDARD.turning * search.now.smoothing_m_s;
         let top = (0.3 * fastest).clamp(2.0 * least, 16.0 * least);

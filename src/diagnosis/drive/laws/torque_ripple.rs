@@ -16,9 +16,7 @@ pub(super) const EFFECT: Effect = Effect {
         let mut list: Vec<f64> = poles.chain(raw.motor_slot_count).map(|order| lead_m / order).collect();
         let highest = lead_m / ORDER.bounds[1];
         if search.two {
-            let range = [highest, 0.5 * search.travel_m()];
-            let found = [search.whitened(0), search.plain(0)];
-            list.extend(found.into_iter().flat_map(|x| search.peaks(&x, range)));
+            list.extend(search.peaks_of_both(0, [highest, 0.5 * search.travel_m()]));
         } else {
             // One position tells what the motor does by how often it does it in a turn.
             list.retain(|l| *l < shortest);
