@@ -24,32 +24,28 @@ pub(super) fn against_noise(found: Detection, total: f64, n: usize, context: &Co
         _ => unknown.min(found.contrast),
     };
     let over_noise = level / context.levels.noise_nats;
-    if context.alarm && context.noise_like {
-        return (Detection { over_noise, evidence: 0.0, reason: Reason::Mode, ..found }, false);
-    }
     (Detection { over_noise, evidence: over_noise, ..found }, over_noise >= CRITERIA.silent)
 }
 
 impl Window<'_> {
     /// The least evidence of all alternatives, over its threshold.
-    pub(super) fn judge(&self) -> Detection {
-        let levels = &self.context.levels;
-        let mut found = self.line;
+    pub(super) fn judge(mut self) -> Detection {
+        let levels = self.context.levels;
         if self.context.alarm {
             // On an order there is no chatter; what stands between them counts by its power.
             let resolved = self.turns_of_spindle() >= CRITERIA.resolved_turns;
             if resolved && self.orders() > CRITERIA.mostly * self.line.contrast {
-                (found.evidence, found.reason) = (0.0, Reason::Order);
+                self.line.least(0.0, Reason::Order);
             }
-            return found;
+            return self.line;
         }
-        found.power_n2 = self.power().0;
+        self.line.power_n2 = self.power_n2();
+        let mut found = self.line;
         let beside = self.near();
         let order = self.order_nats(&beside) / levels.cause_nats;
         let (mode, kept) = self.mode_nats(&beside);
         let terms = [
             (self.against(self.e.len() as f64 - 1.0, self.ring()) / levels.cause_nats, Reason::RingDown),
-            (self.over_known() / levels.cause_nats, Reason::Mode),
             (order, Reason::Order),
             (self.over_stable(), Reason::Interference),
             (mode, Reason::Mode),
@@ -81,8 +77,9 @@ impl Window<'_> {
         let Context { learning, entries_known, orders: known, .. } = *self.context;
         let n = self.e.len() as f64;
         let orders = self.orders();
-        let wide = if learning { 0.0 } else { self.against(n - 1.0, orders) };
-        let near = if self.beside() > 0 {
+        let nats = if !learning {
+            self.against(n - 1.0, orders)
+        } else if self.beside() > 0 {
             beside.values * beside.coherence()
         } else {
             let left = |other: f64| {
@@ -90,7 +87,6 @@ impl Window<'_> {
             };
             beside.values * (left(orders) / left(self.line.contrast)).ln()
         };
-        let nats = wide.max(near);
         if learning && entries_known && !known {
             // They are learned with the line in them.
             return nats;
@@ -100,16 +96,13 @@ impl Window<'_> {
     }
 
     /// Against noise through a damped mode, over its threshold: noise of damping sigma has 1 + sigma T
-    /// independent values. And louder than the noise of a stable cut, and growing: one does not tell of the
-    /// other. The second: whether it is too loud to be learned as noise.
+    /// independent values. And louder than the noise of a stable cut. The second: whether it is too loud to be learned as noise.
     fn mode_nats(&self, beside: &Near) -> (f64, bool) {
         let Context { learning, entries_known, cuts, no_model, stable_n2, rate_hz, .. } = *self.context;
         if !learning && entries_known && self.which + 1 != WINDOWS.len() {
             return (f64::INFINITY, false);
         }
-        let loud = if learning { loudness_nats(self.power().0, stable_n2) } else { 0.0 };
-        let growth_nats = learning && entries_known && self.growth_nats() > self.context.levels.switched_nats;
-        let rises = if growth_nats { self.rise_nats() } else { 0.0 };
+        let loud = if learning { loudness_nats(self.line.power_n2, stable_n2) } else { 0.0 };
         let levels = &self.context.levels;
         let nats = match (entries_known, learning) {
             (true, true) if cuts => levels.cause_nats,
@@ -117,29 +110,13 @@ impl Window<'_> {
             _ => levels.entry_unknown_nats,
         };
         let times = 1.0 + RINGS_1_S[0] * self.e.len() as f64 / rate_hz;
-        ((times * beside.coherence() + loud + rises) / nats, no_model && 2.0 * loud > 1.0)
-    }
-
-    /// Evidence, nats, that the line grew within the window, and not all that begins with a cut: the powers
-    /// of noise in its halves are exponential, and one is x times the other with a probability of 1/(1 + x).
-    fn rise_nats(&self) -> f64 {
-        let over_rest = |e: &[C]| {
-            let (line, all) = (fit(e, self.turns(), 0.0), e.iter().map(C::norm_sqr).sum::<f64>());
-            line.max(f64::MIN_POSITIVE) / (all - line).max(1e-6 * all)
-        };
-        let (first, last) = self.e.split_at(self.e.len() / 2);
-        (1.0 + over_rest(last) / over_rest(first)).ln()
+        ((times * beside.coherence() + loud) / nats, no_model && 2.0 * loud > 1.0)
     }
 
     /// Where nothing is known a line may have stood in air too: then it is not the cut's, unless no stable
     /// cut is as loud.
     fn over_stable(&self) -> f64 {
-        if self.context.no_model { 2.0 * self.power().0 / self.context.stable_n2 } else { f64::INFINITY }
-    }
-
-    /// Against a line or a narrow mode that is known and louder for a while, nats.
-    fn over_known(&self) -> f64 {
-        if self.context.no_model { f64::INFINITY } else { self.power().1 / self.known() }
+        if self.context.no_model { 2.0 * self.line.power_n2 / self.context.stable_n2 } else { f64::INFINITY }
     }
 
     /// Turns of the spindle in the window.
@@ -197,8 +174,8 @@ impl Window<'_> {
         })
     }
 
-    /// Power of the line, N^2, at the end of the window, and its energy.
-    pub(super) fn power(&self) -> (f64, f64) {
+    /// Power of the line, N^2, at the end of the window.
+    fn power_n2(&self) -> f64 {
         let n = self.e.len();
         let values = self.history.last(n);
         let back = C::from_polar((-self.line.growth_1_s / self.context.rate_hz).exp(), -TAU * self.turns());
@@ -208,15 +185,7 @@ impl Window<'_> {
             energy += s.norm_sqr();
             s *= back;
         }
-        (sum.norm_sqr() / (energy * energy), sum.norm_sqr() / energy)
-    }
-
-    /// Energy known within the window's resolution: a line or a narrow mode that is known may be louder for a
-    /// while.
-    fn known(&self) -> f64 {
-        let n = self.e.len() as f64;
-        let at = |m: i32| self.context.whitener.known(self.turns() + f64::from(m) / (4.0 * n));
-        (-4..=4).map(at).sum::<f64>() / 9.0
+        sum.norm_sqr() / (energy * energy)
     }
 
     /// Line and both orders beside it, as far as the window tells them apart.

@@ -8,8 +8,8 @@
 //!
 //! One question is asked of every window: does one line that grows or stays explain it better than everything
 //! else that can be there? The answer is a log-likelihood ratio in nats, the least over named alternatives:
-//! noise of unknown level and of the level learned, a ring, an order, a damped mode, steps of an encoder,
-//! a line that was switched on. Every number that decides stands in `criteria`.
+//! noise of unknown level and of the level learned, a ring, an order, a damped mode, a line that was switched
+//! on. Every number that decides stands in `criteria`.
 //!
 //! It does not know what is cut or what to do about it: see `avoidance`.
 
@@ -20,7 +20,6 @@ mod beginning;
 mod criteria;
 mod cut_level;
 mod decision;
-mod encoder_lines;
 mod fourier;
 mod history;
 mod hop;

@@ -1,10 +1,9 @@
 //! The monitor of one force stream.
 
 use super::band::{Band, BandError};
-use super::criteria::{CRITERIA, LONGEST, Levels, SAME_LINE_HZ, WINDOWS};
+use super::criteria::{CRITERIA, Levels, SAME_LINE_HZ, WINDOWS};
 use super::cut_level::{Change, CutLevel, CutLevelState, MeanForce};
 use super::decision::{Decision, Turn};
-use super::encoder_lines::EncoderLines;
 use super::hop::Hop;
 use super::lines::Strongest;
 use super::outliers::OutlierFilter;
@@ -77,7 +76,6 @@ pub struct ChatterState {
     hop: Hop,
     outliers: OutlierFilter,
     level: CutLevelState,
-    encoders: EncoderLines,
     sub_bands: Vec<SubBandState>,
     watched_hz: [f64; 2],
     angle_turns: f64,
@@ -97,7 +95,6 @@ keep!(ChatterState {
     hop,
     outliers,
     level,
-    encoders,
     sub_bands,
     watched_hz,
     angle_turns,
@@ -161,7 +158,6 @@ impl ChatterMonitor {
             hop: Hop::default(),
             outliers: OutlierFilter::default(),
             level: self.level.start(),
-            encoders: EncoderLines::NONE,
             sub_bands: self.sub_bands.iter().map(SubBand::start).collect(),
             watched_hz: [band.low_hz(), band.high_hz()],
             angle_turns: 0.0,
@@ -207,12 +203,6 @@ impl ChatterMonitor {
     /// Whether the mean tells of the cut now: that of a drive in motion is what moves it.
     pub fn listen_to_mean(&self, state: &mut ChatterState, tells: bool) {
         state.mean_tells = tells;
-    }
-
-    /// Where motor and stage of the axis stand, in steps of their encoders: with each sample, where the force
-    /// is estimated from them.
-    pub fn listen_to_travel(&self, state: &mut ChatterState, steps: [f64; 2]) {
-        state.encoders.step(steps, self.settings.sample_rate.period_s());
     }
 
     /// Band in which a line counts now, Hz.
@@ -328,26 +318,16 @@ impl ChatterMonitor {
         let mut evidence = [0.0; 4];
         let mut best = Detection::default();
         for (sub_band, s) in self.sub_bands.iter().zip(&state.sub_bands) {
-            let explained = |detection: Detection, values: usize| {
-                let hz = detection.offset_hz + sub_band.centre_hz();
-                let drawn =
-                    !state.decision.alarm && detection.evidence > 0.0 && state.encoders.draw(hz, values);
-                if drawn {
-                    Detection { evidence: 0.0, reason: Reason::EncoderSteps, ..detection }
-                } else {
-                    detection
-                }
-            };
-            let sustained = explained(sub_band.sustained(s), LONGEST);
+            let at = |d: &Detection| Detection { offset_hz: d.offset_hz + sub_band.centre_hz(), ..*d };
+            let sustained = sub_band.sustained(s);
             evidence[3] = sustained.evidence.max(evidence[3]);
             if sustained.evidence > best.evidence {
-                best = Detection { offset_hz: sustained.offset_hz + sub_band.centre_hz(), ..sustained };
+                best = at(&sustained);
             }
-            for ((to, detection), values) in evidence.iter_mut().zip(sub_band.detections(s)).zip(WINDOWS) {
-                let detection = explained(*detection, values);
+            for (to, detection) in evidence.iter_mut().zip(sub_band.detections(s)) {
                 *to = detection.evidence.max(*to);
                 if (detection.evidence, detection.over_noise) >= (best.evidence, best.over_noise) {
-                    best = Detection { offset_hz: detection.offset_hz + sub_band.centre_hz(), ..detection };
+                    best = at(detection);
                 }
             }
         }

@@ -25,9 +25,6 @@ pub(super) struct SubBand {
     levels: Levels,
 }
 
-/// Blocks of an alarm after which its scatter counts: a second.
-const ENOUGH: usize = 10;
-
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct SubBandState {
     mix: DownMixState,
@@ -53,14 +50,13 @@ pub(super) struct SubBandState {
     /// What was known two to four seconds ago, or before another cut began.
     before: [Whitener; 2],
     since: usize,
-    noise_like: bool,
     interference: Interference,
     alarmed: usize,
 }
 
 keep!(SubBandState {
     mix, mixer, orders, noise, whitener, in_cut, history, count, since_change, seen, detections, whole_n2,
-    other_level, residuals, sustained, before, since, noise_like, interference, alarmed,
+    other_level, residuals, sustained, before, since, interference, alarmed,
 } if |s| s.seen >= s.since_change);
 
 impl SubBandState {
@@ -129,7 +125,6 @@ impl SubBand {
             sustained: Detection::default(),
             before: [Whitener::NONE; 2],
             since: 0,
-            noise_like: false,
             interference: Interference::default(),
             alarmed: 0,
         }
@@ -203,12 +198,12 @@ impl SubBand {
         }
     }
 
-    /// Most power that the noise of a stable cut with this mean force has at a place, N^2, and the same where
-    /// the mean force is that of a tool in the cut, and no zero that drifts: infinite where it is not known.
-    fn stable_n2(&self, state: &SubBandState, now: &Conditions) -> [f64; 2] {
-        let share_n2 = (CRITERIA.stable_share * now.mean_n).powi(2);
+    /// Most power that the noise of a stable cut with this mean force has at a place, N^2: infinite where the
+    /// mean force is not that of a tool in the cut, or a zero that drifts.
+    fn stable_n2(&self, state: &SubBandState, now: &Conditions) -> f64 {
         let drifts = self.has_model(state) && !state.in_cut;
-        [share_n2, if Self::cuts(state, now) && !drifts { share_n2 } else { f64::INFINITY }]
+        let known = Self::cuts(state, now) && !drifts;
+        if known { (CRITERIA.stable_share * now.mean_n).powi(2) } else { f64::INFINITY }
     }
 
     /// Whether a tool is in the cut, by its mean force.
@@ -230,7 +225,7 @@ impl SubBand {
             since_change,
         };
         let Sustained { offset_hz, nats, power_n2, side } = self.test.sustained(&state.residuals, &place);
-        let [share_n2, stable_n2] = self.stable_n2(state, now);
+        let stable_n2 = self.stable_n2(state, now);
         let cut = side > CRITERIA.modulated;
         let over = if state.before[0] == Whitener::NONE {
             2.0 * self.levels.cause_nats * power_n2 / stable_n2
@@ -238,8 +233,6 @@ impl SubBand {
             let known = state.before[0].known(offset_hz / rate_hz);
             power_n2 * BLOCK as f64 / known.max(f64::MIN_POSITIVE)
         };
-        state.noise_like =
-            state.alarmed >= ENOUGH * BLOCK && nats <= 0.0 && power_n2 > 0.0 && power_n2 < share_n2;
         // Where nothing is known of air, what the cut modulates is the cut's.
         let new = over > self.levels.cause_nats
             || (cut && nats > self.levels.cause_nats && state.before[0] == Whitener::NONE);
@@ -319,8 +312,7 @@ impl SubBand {
             entries_known: means,
             cuts: Self::cuts(state, now),
             no_model,
-            noise_like: state.noise_like,
-            stable_n2: self.stable_n2(state, now)[1],
+            stable_n2: self.stable_n2(state, now),
             whitener: if no_model { Whitener::plain() } else { state.whitener },
         })
     }
@@ -358,8 +350,7 @@ impl SubBand {
     fn compare(&self, state: &mut SubBandState, context: &Context) {
         let n = WINDOWS[BAND_LEVEL];
         let band_level = self.test.band_level(&mut state.history, context);
-        let other =
-            band_level * CRITERIA.louder < 1.0 || (band_level > CRITERIA.louder && !context.entries_known);
+        let other = band_level * CRITERIA.louder < 1.0;
         state.other_level = if other { state.other_level + n / LOOKS } else { 0 };
         if state.other_level >= n && !context.alarm && !context.learning {
             self.remember(state);
@@ -385,7 +376,6 @@ impl SubBand {
         }
         state.detections = [Detection::default(); WINDOWS.len()];
         state.sustained = Detection::default();
-        state.noise_like = false;
         if let Some(in_cut) = in_cut {
             self.remember(state);
             if in_cut != state.in_cut {

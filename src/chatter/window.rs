@@ -25,11 +25,9 @@ pub(super) enum Reason {
     Mode,
     /// It was there without the cut, or was switched on.
     Interference,
-    /// The axis travels over the steps of its encoder.
-    EncoderSteps,
 }
 
-crate::keyframe::keep_list!(Reason { Noise, RingDown, Order, Mode, Interference, EncoderSteps });
+crate::keyframe::keep_list!(Reason { Noise, RingDown, Order, Mode, Interference });
 
 /// What a window says.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -78,8 +76,6 @@ pub(super) struct Context {
     pub(super) cuts: bool,
     /// Whether nothing at all is known of the noise.
     pub(super) no_model: bool,
-    /// Noise by its scatter.
-    pub(super) noise_like: bool,
     /// Most power that the noise of a stable cut has at a place, N^2; infinite where it is not known.
     pub(super) stable_n2: f64,
     pub(super) whitener: Whitener,

@@ -82,8 +82,6 @@ struct Channel {
     nut: Option<usize>,
     watch: bool,
     pushed: f64,
-    /// Steps of motor and stage encoder per metre of travel; 0 where not known.
-    steps_1_m: [f64; 2],
 }
 
 impl Channel {
@@ -98,12 +96,6 @@ impl Channel {
             spindle_speed_rpm: Some(sample.spindle_speed_rpm),
             accel_m_s2: sample.accel_m_s2,
         }
-    }
-
-    /// Where motor and stage stand, in steps of their encoders.
-    fn steps(&self, motion: MotionSample) -> [f64; 2] {
-        let [motor, stage] = self.steps_1_m;
-        [motor * motion.motor_travel_m.unwrap_or(0.0), stage * motion.stage_position_m.unwrap_or(0.0)]
     }
 }
 
@@ -416,9 +408,6 @@ impl Pipeline {
             let tells = of_turret && state.stand.step(moved, period_s);
             turret_stands &= tells || !of_turret;
             self.monitor.listen_to_mean(&mut state.monitor, tells);
-            if channel.watch {
-                self.monitor.listen_to_travel(&mut state.monitor, channel.steps(moved));
-            }
         }
         let estimates = self.observers.step(motion);
         forces.copy_from_slice(&estimates[..MAX_AXES]);

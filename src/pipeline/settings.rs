@@ -205,17 +205,13 @@ impl PipelineSettings {
 
     pub(super) fn channel(&self, plan: &AxisPlan) -> Result<Channel, PipelineError> {
         let AxisPlan { nut, watch, pushed, .. } = *plan;
-        let mut channel =
-            Channel { thrust_n_a: 0.0, travel_m_rad: 1.0, nut, watch, pushed, steps_1_m: [0.0; 2] };
+        let mut channel = Channel { thrust_n_a: 0.0, travel_m_rad: 1.0, nut, watch, pushed };
         // Two estimators of one axis know one drive.
         let plans = [&plan.force, &plan.beside];
         if let Some(servo) = plans.into_iter().flatten().find_map(ForcePlan::servo) {
             let no_thrust = || PipelineError::NoThrust { axis: plan.name.clone() };
             channel.thrust_n_a = servo.drive.thrust_constant_n_a().ok_or_else(no_thrust)?;
             channel.travel_m_rad = servo.drive.travel_m_rad();
-            let steps_m =
-                [servo.drive.motor_encoder_resolution_m(), servo.drive.stage_encoder_resolution_m()];
-            channel.steps_1_m = steps_m.map(|step_m| if step_m > 0.0 { 1.0 / step_m } else { 0.0 });
         }
         Ok(channel)
     }
