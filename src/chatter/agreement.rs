@@ -6,9 +6,6 @@ use crate::sample::MAX_AXES;
 
 /// Two axes must agree for this long: two drives that hunt meet on one line only in passing.
 const TOGETHER_S: f64 = 0.12;
-/// A line that moves further than this between looks is not the same line: noise that a damped mode colours
-/// wanders.
-const STEADY_HZ: f64 = 4.0;
 /// A line that one axis alone hears must last this long before it counts: hunting of a single drive does not.
 const ALONE_S: f64 = 1.0;
 /// A line so many times over the noise must last no longer than two axes must agree, a weaker one as much
@@ -62,7 +59,7 @@ impl Clock {
     /// Takes what its axis says and whether another hears the same line; answers whether that has lasted.
     fn look(&mut self, t_s: f64, output: &ChatterOutput, heard_by_another: bool) -> bool {
         // A line that jumps about is the comb of a hunting drive: the clocks start again.
-        let steady = self.line_hz.zip(output.frequency_hz).is_some_and(|(a, b)| (a - b).abs() < STEADY_HZ);
+        let steady = self.line_hz.zip(output.frequency_hz).is_some_and(|(a, b)| (a - b).abs() < SAME_LINE_HZ);
         if !steady {
             *self = Self { line_hz: output.frequency_hz, looked_s: self.looked_s, ..Self::default() };
         }

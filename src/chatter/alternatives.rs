@@ -4,14 +4,13 @@
 //! In (n - 1) values of white noise of unknown level a template that explains the energy E of all W leaves
 //! W - E; two of them compare as (n - 1) ln((W - E2)/(W - E1)).
 
-use super::criteria::{CRITERIA, LONGEST, RINGS_1_S, WINDOWS};
+use super::criteria::{CRITERIA, LONGEST, RATES_1_S, WINDOWS};
 use super::fourier::POINTS;
 use super::window::{Context, Detection, Reason, Window, fit, fit_two, fits, loudness_nats};
 use nalgebra::Complex;
 use std::f64::consts::TAU;
 
 type C = Complex<f64>;
-const ZERO: C = C::new(0.0, 0.0);
 
 /// What the line of a window of `n` values is against noise, white, of unknown level (Fisher's test) and of
 /// the level known, and whether more is to be asked. Grown chatter stands on several lobes: in an alarm its
@@ -24,7 +23,7 @@ pub(super) fn against_noise(found: Detection, total: f64, n: usize, context: &Co
         _ => unknown.min(found.contrast),
     };
     let over_noise = level / context.levels.noise_nats;
-    (Detection { over_noise, evidence: over_noise, ..found }, over_noise >= CRITERIA.silent)
+    (Detection { over_noise, evidence: over_noise, ..found }, over_noise >= CRITERIA.hold)
 }
 
 impl Window<'_> {
@@ -109,7 +108,7 @@ impl Window<'_> {
             (true, false) => levels.mode_nats,
             _ => levels.entry_unknown_nats,
         };
-        let times = 1.0 + RINGS_1_S[0] * self.e.len() as f64 / rate_hz;
+        let times = 1.0 + RATES_1_S[0] * self.e.len() as f64 / rate_hz;
         ((times * beside.coherence() + loud) / nats, no_model && 2.0 * loud > 1.0)
     }
 
@@ -135,7 +134,7 @@ impl Window<'_> {
         let mut best: f64 = 0.0;
         for values in WINDOWS.map(|w| w / 2).into_iter().filter(|v| *v < n).chain([n]) {
             let e = &self.e[n - values..];
-            for ring_1_s in RINGS_1_S {
+            for ring_1_s in RATES_1_S {
                 let turns = [-2.0, -1.0, 0.0, 1.0, 2.0].map(|k| self.turns() + k * step);
                 let energies = fits(e, turns, -ring_1_s / self.context.rate_hz);
                 best = energies.into_iter().fold(best, f64::max);
@@ -162,7 +161,7 @@ impl Window<'_> {
         if self.turns_of_spindle() >= 2.0 {
             return fit_two(self.e, |q| [wave(q, below), wave(q, below + 1.0)]);
         }
-        let one = |order: f64| fit_two(self.e, |q| [wave(q, order), ZERO]);
+        let one = |order: f64| fit_two(self.e, |q| [wave(q, order), C::ZERO]);
         one(below).max(one(below + 1.0))
     }
 
@@ -179,7 +178,7 @@ impl Window<'_> {
         let n = self.e.len();
         let values = self.history.last(n);
         let back = C::from_polar((-self.line.growth_1_s / self.context.rate_hz).exp(), -TAU * self.turns());
-        let (mut s, mut sum, mut energy) = (C::new(1.0, 0.0), ZERO, 0.0);
+        let (mut s, mut sum, mut energy) = (C::ONE, C::ZERO, 0.0);
         for q in (0..n).rev() {
             sum += s.conj() * values[q].residual * self.chirp[q];
             energy += s.norm_sqr();
@@ -198,10 +197,10 @@ impl Window<'_> {
     fn near(&self) -> Near {
         let rate_hz = self.context.rate_hz;
         let n = self.e.len();
-        let mut basis = [[ZERO; LONGEST]; 3];
+        let mut basis = [[C::ZERO; LONGEST]; 3];
         let orders = self.beside();
         self.templates(&mut basis, orders);
-        let mut rest = [ZERO; LONGEST];
+        let mut rest = [C::ZERO; LONGEST];
         rest[..n].copy_from_slice(self.e);
         let mut alone = 0.0;
         for k in 0..=orders {
@@ -236,7 +235,7 @@ impl Window<'_> {
             }
         }
         let back = C::from_polar((-self.line.growth_1_s / rate_hz).exp(), -TAU * self.turns());
-        let mut line = C::new(1.0, 0.0);
+        let mut line = C::ONE;
         for y in basis[orders][..n].iter_mut().rev() {
             *y = line;
             line *= back;

@@ -4,13 +4,12 @@
 //! it was switched on within some milliseconds and stands or fades since. The whitening filter leaves more of
 //! a beginning than of what follows, where it knows noise at the place of the line.
 
-use super::criteria::{CRITERIA, GREW_1_S, LONGEST, MEMORY, PAST, RINGS_1_S, RISES, WINDOWS};
+use super::criteria::{CRITERIA, LONGEST, MEMORY, PAST, RATES_1_S, RISES, WINDOWS};
 use super::window::{Context, Detection, Reason, Window, fit, fits, loudness_nats};
 use nalgebra::Complex;
 use std::f64::consts::TAU;
 
 type C = Complex<f64>;
-const ZERO: C = C::new(0.0, 0.0);
 
 impl Window<'_> {
     /// What the beginning of the line says of it.
@@ -39,7 +38,7 @@ impl Window<'_> {
         if self.e.len() < LONGEST || past.len() < PAST {
             return false;
         }
-        let mut before = [ZERO; PAST];
+        let mut before = [C::ZERO; PAST];
         before.iter_mut().zip(past).for_each(|(to, from)| *to = *from);
         let step = 0.5 / LONGEST as f64;
         let old = fits(&before, [-step, 0.0, step].map(|apart| self.turns() + apart), 0.0);
@@ -66,7 +65,7 @@ impl Window<'_> {
     fn more_than(&self, values: &[C], other: impl Fn(&[C], f64) -> f64) -> f64 {
         let n = values.len();
         let rate_hz = self.context.rate_hz;
-        let mut line = [ZERO; LONGEST + PAST];
+        let mut line = [C::ZERO; LONGEST + PAST];
         let line = &mut line[..n];
         let [mut all, mut not, mut growth_nats] = [0.0; 3];
         for k in -2..=2 {
@@ -89,12 +88,12 @@ impl Window<'_> {
 /// is the first. What a filter leaves of a template fits a series as the template fits what the filter run
 /// backwards makes of the series.
 fn switched_on(line: &[C], filter: &[C; MEMORY + 1], rate_hz: f64) -> f64 {
-    let mut matched = [ZERO; LONGEST + PAST];
+    let mut matched = [C::ZERO; LONGEST + PAST];
     for (p, to) in matched[..line.len()].iter_mut().enumerate() {
         *to = filter.iter().take(p + 1).enumerate().map(|(m, a)| a.conj() * line[p - m]).sum();
     }
     let steady = RISES.into_iter().map(|rise| (rise, 0.0));
-    let fading = RINGS_1_S.into_iter().map(|ring_1_s| (1, ring_1_s));
+    let fading = RATES_1_S.into_iter().map(|ring_1_s| (1, ring_1_s));
     let of = |(rise, ring_1_s): (usize, f64)| {
         let fade = (-ring_1_s / rate_hz).exp();
         at_any_time(line, &matched[..line.len()], &sizes(filter, rise, fade), (rise, fade))
@@ -107,7 +106,7 @@ fn switched_on(line: &[C], filter: &[C; MEMORY + 1], rate_hz: f64) -> f64 {
 fn sizes(filter: &[C; MEMORY + 1], rise: usize, fade: f64) -> [C; WINDOWS[0]] {
     let size = |k: usize| ((k as f64 + 1.0) / rise as f64).min(1.0) * fade.powf(k as f64);
     let (mut head, sizes): ([C; WINDOWS[0]], [f64; WINDOWS[0]]) =
-        ([ZERO; WINDOWS[0]], std::array::from_fn(size));
+        ([C::ZERO; WINDOWS[0]], std::array::from_fn(size));
     for (k, to) in head.iter_mut().enumerate() {
         *to = filter.iter().take(k + 1).enumerate().map(|(m, a)| a * sizes[k - m]).sum();
     }
@@ -118,9 +117,9 @@ fn sizes(filter: &[C; MEMORY + 1], rise: usize, fade: f64) -> [C; WINDOWS[0]] {
 fn at_any_time(line: &[C], matched: &[C], head: &[C], (rise, fade): (usize, f64)) -> f64 {
     // Some of the line and some silence before it, or it is no beginning.
     let seen = WINDOWS[0] / 4;
-    let mut sums = [ZERO; RISES[RISES.len() - 1]];
-    let (mut over_noise, mut size, mut energy, mut best) = (ZERO, ZERO, 0.0, 0.0f64);
-    let (mut always, mut all) = (ZERO, 0.0);
+    let mut sums = [C::ZERO; RISES[RISES.len() - 1]];
+    let (mut over_noise, mut size, mut energy, mut best) = (C::ZERO, C::ZERO, 0.0, 0.0f64);
+    let (mut always, mut all) = (C::ZERO, 0.0);
     // So many values ago it began.
     for (k, (x, y)) in line.iter().zip(matched).enumerate() {
         over_noise = over_noise * fade + y;
@@ -142,10 +141,10 @@ fn at_any_time(line: &[C], matched: &[C], head: &[C], (rise, fade): (usize, f64)
 /// stands does.
 fn growing(line: &[C], rate_hz: f64) -> f64 {
     let mut best: f64 = 0.0;
-    for growth_1_s in GREW_1_S {
+    for growth_1_s in RATES_1_S {
         let back = (-growth_1_s / rate_hz).exp();
         let mut stood: C = line.iter().sum();
-        let (mut grown, mut energy) = (ZERO, 0.0);
+        let (mut grown, mut energy) = (C::ZERO, 0.0);
         for (q, x) in line.iter().enumerate().rev() {
             // What is older than this value grew, up to the size at which it stands from here on.
             if q < line.len() - line.len() / 8 {
@@ -166,8 +165,8 @@ mod tests {
 
     #[test]
     fn a_line_that_grew_is_told_from_one_that_was_switched_on() {
-        let mut plain = [ZERO; MEMORY + 1];
-        plain[0] = C::new(1.0, 0.0);
+        let mut plain = [C::ZERO; MEMORY + 1];
+        plain[0] = C::ONE;
         // Newest first, 240 values of 2 ms.
         let of = |size: &dyn Fn(f64) -> f64| {
             let line: Vec<C> = (0..240).map(|q| C::new(size(0.002 * f64::from(q)), 0.0)).collect();
@@ -187,8 +186,8 @@ mod tests {
     #[test]
     fn what_the_filter_leaves_of_a_beginning_is_looked_for() {
         // A filter that knows a line here: it leaves the first value of it, and a hundredth of what follows.
-        let mut filter = [ZERO; MEMORY + 1];
-        (filter[0], filter[1]) = (C::new(1.0, 0.0), C::new(-0.99, 0.0));
+        let mut filter = [C::ZERO; MEMORY + 1];
+        (filter[0], filter[1]) = (C::ONE, C::new(-0.99, 0.0));
         let began: Vec<C> = (0..240)
             .map(|ago| if ago < 120 { 0.01 } else { f64::from(u8::from(ago == 120)) })
             .map(|x| C::new(x, 0.0))

@@ -18,7 +18,7 @@ pub(super) struct Criteria {
     pub(super) mode_1_s: f64,
     /// The same where nothing tells when another cut begins, on three axes in three bands, 1/s.
     pub(super) entry_unknown_1_s: f64,
-    /// Share of the thresholds from which on nothing is learned.
+    /// Share of the thresholds under which nothing is heard; above it nothing is learned.
     pub(super) hold: f64,
     /// Memory of the noise, s.
     pub(super) noise_s: f64,
@@ -32,8 +32,7 @@ pub(super) struct Criteria {
     pub(super) most: f64,
     /// Values of noise before anything is evidence, s: ten for each coefficient.
     pub(super) first_s: f64,
-    /// Share of the threshold under which a window hears nothing, and above which it usually hears.
-    pub(super) silent: f64,
+    /// Share of the threshold above which a window usually hears a line.
     pub(super) usual: f64,
     /// Silence before the end, and memory of what is usual in an alarm, s.
     pub(super) end_s: f64,
@@ -93,7 +92,6 @@ pub(super) const CRITERIA: Criteria = Criteria {
     orders_s: 1.0,
     most: 3.0,
     first_s: 0.2,
-    silent: 0.4,
     usual: 0.8,
     end_s: 0.1,
     usual_s: 0.5,
@@ -151,11 +149,9 @@ impl Levels {
     }
 }
 
-/// Rates of growth that are looked for, 1/s.
-pub(super) const GROWTHS_1_S: [f64; 3] = [0.0, 15.0, 40.0];
-/// Rates at which what was struck rings down, 1/s. A line that fades more slowly than the first is not
+/// Rates of growth and decay that are told apart, 1/s. A line that fades more slowly than the first is not
 /// stable.
-pub(super) const RINGS_1_S: [f64; 4] = [10.0, 20.0, 40.0, 80.0];
+pub(super) const RATES_1_S: [f64; 4] = [10.0, 15.0, 40.0, 80.0];
 /// Values of the windows: 48 to 384 ms.
 pub(super) const WINDOWS: [usize; 4] = [24, 48, 96, 192];
 /// Of the longest.
@@ -164,8 +160,6 @@ pub(super) const LONGEST: usize = WINDOWS[WINDOWS.len() - 1];
 pub(super) const PAST: usize = LONGEST / 2;
 /// Windows are looked at so many times in their length.
 pub(super) const LOOKS: usize = 12;
-/// Rates at which a line may have grown until it stands, 1/s.
-pub(super) const GREW_1_S: [f64; 5] = [10.0, 15.0, 25.0, 40.0, 70.0];
 /// Values in which a line that is switched on reaches its size: at once to 12 ms.
 pub(super) const RISES: [usize; 3] = [1, 3, 6];
 /// Order of the whitening model: 16 and 24 have too little to learn from at entries.

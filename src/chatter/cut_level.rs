@@ -7,13 +7,11 @@ use crate::units::SampleRate;
 const LOOK_S: f64 = 0.005;
 /// Smoothing of the force.
 const SMOOTH_S: f64 = 0.012;
-/// Looks that are kept: a third of a second, one turn at 190 rpm.
+/// Looks that are kept: a third of a second, one turn at 190 rpm. For so long the friction of a servo gives
+/// way to a force that has come: another change belongs to the first.
 const LOOKS: usize = 64;
 /// Looks that are the newest: 0.1 s.
 const NEWEST: usize = 20;
-/// Looks after a change within which another belongs to it, of a servo: for 0.3 s its friction gives way to
-/// the force that has come.
-const QUIET_LOOKS: usize = 60;
 /// Share of the force that a change must have: chatter itself moves the mean by less.
 const SHARE: f64 = 0.3;
 /// And over the usual ripple from turn to turn.
@@ -87,24 +85,8 @@ crate::keyframe::keep!(CutLevelState {
 });
 
 impl CutLevelState {
-    /// Mean force of the last third of a second.
-    pub(super) fn mean_n(&self) -> f64 {
-        self.mean_of_last_n(LOOKS)
-    }
-
-    /// Size of the mean force, of the last third of a second or of the newest part of it, whichever is
-    /// greater: the tools may have entered since.
-    pub(super) fn size_n(&self) -> f64 {
-        self.farthest_from_n(0.0)
-    }
-
-    /// The same over what it was at rest: nothing, where it has not changed at once since the first sample:
-    /// a zero drifts. Checked by: `a_zero_that_is_off_is_no_cut`.
-    pub(super) fn over_rest_n(&self) -> f64 {
-        if self.moved && self.rest_n.is_finite() { self.farthest_from_n(self.rest_n) } else { 0.0 }
-    }
-
     /// Farthest that the level went from rest in the newest looks: what an entry rises to.
+    /// Checked by: `an_entry_is_what_the_level_went_from_rest`.
     pub(super) fn reached_n(&self) -> f64 {
         let rest_n = if self.moved && self.rest_n.is_finite() { self.rest_n } else { 0.0 };
         self.looks[..self.seen.clamp(1, NEWEST)].iter().map(|n| (n - rest_n).abs()).fold(0.0, f64::max)
@@ -114,11 +96,6 @@ impl CutLevelState {
     fn mean_of_last_n(&self, looks: usize) -> f64 {
         let looks = &self.looks[..self.seen.clamp(1, looks)];
         looks.iter().sum::<f64>() / looks.len() as f64
-    }
-
-    fn farthest_from_n(&self, zero_n: f64) -> f64 {
-        let newest_n = self.mean_of_last_n(NEWEST);
-        (self.mean_n() - zero_n).abs().max((newest_n - zero_n).abs())
     }
 }
 
@@ -168,7 +145,7 @@ impl CutLevel {
         state.looks.rotate_right(1);
         state.looks[0] = state.level_n;
         state.seen = (state.seen + 1).min(1_000_000);
-        let mean_n = state.mean_n();
+        let mean_n = state.mean_of_last_n(LOOKS);
         if state.seen >= LOOKS && mean_n.abs() < state.rest_n.abs() {
             state.rest_n = mean_n;
         }
@@ -191,7 +168,7 @@ impl CutLevel {
         let begins = changes && !state.changing && state.seen > state.quiet_until;
         state.changing = changes;
         if changes {
-            (state.moved, state.quiet_until) = (true, state.seen + QUIET_LOOKS);
+            (state.moved, state.quiet_until) = (true, state.seen + LOOKS);
         } else {
             let share = (1.0 / looked as f64).max(LOOK_S / 4.0);
             state.ripple_n += share * (apart - state.ripple_n);
@@ -240,19 +217,19 @@ mod tests {
     }
 
     #[test]
-    fn a_zero_that_is_off_is_no_cut() {
+    fn an_entry_is_what_the_level_went_from_rest() {
         let level = CutLevel::new(SampleRate::new(9000.0).unwrap(), MeanForce::Whole);
-        let over_rest = |force: &dyn Fn(f64) -> f64| {
+        let reached_n = |force: &dyn Fn(f64) -> f64| {
             let mut state = level.start();
             (0..36000).for_each(|n| {
                 let _ = level.step(&mut state, force(f64::from(n) / 9000.0), 20.0, false);
             });
-            (state.size_n(), state.over_rest_n())
+            state.reached_n()
         };
-        let (size_n, cut_n) = over_rest(&|t| 6.0 + t + 0.2 * (t * 600.0).sin());
-        assert!(size_n > 5.9 && cut_n < 0.1, "{size_n} {cut_n}");
-        let (size_n, cut_n) = over_rest(&|t| 6.0 - if t > 2.0 { 20.0 } else { 0.0 });
-        assert!((size_n - 14.0).abs() < 0.1 && (cut_n - 14.0).abs() < 6.1, "{size_n} {cut_n}");
+        let drifts_n = reached_n(&|t| 6.0 + t + 0.2 * (t * 600.0).sin());
+        assert!((drifts_n - 10.0).abs() < 0.2, "{drifts_n}");
+        let enters_n = reached_n(&|t| 6.0 - if t > 2.0 { 20.0 } else { 0.0 });
+        assert!((enters_n - 20.0).abs() < 0.1, "{enters_n}");
     }
 
     #[test]

@@ -45,7 +45,7 @@ impl Decision {
         // The shortest window that usually hears the line says when it has gone; else the clearest.
         let ruling = self.usual.iter().position(|u| *u > CRITERIA.usual);
         let now = ruling.map_or_else(|| evidence.into_iter().fold(0.0, f64::max), |w| evidence[w]);
-        self.silent_s = if now < CRITERIA.silent || power_n2 < 0.003 * self.peak_n2 {
+        self.silent_s = if now < CRITERIA.hold || power_n2 < 0.003 * self.peak_n2 {
             self.silent_s + period_s
         } else {
             0.0

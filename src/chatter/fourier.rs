@@ -7,11 +7,14 @@ use std::fmt;
 use std::sync::Arc;
 
 type C = Complex<f64>;
-const ZERO: C = C::new(0.0, 0.0);
 /// Points of the transforms: twice the values of the windows and more.
-pub(super) const POINTS: [usize; WINDOWS.len()] = [64, 128, 256, MOST_POINTS];
+pub(super) const POINTS: [usize; WINDOWS.len()] = [points(0), points(1), points(2), points(3)];
 /// Of the longest.
-pub(super) const MOST_POINTS: usize = 512;
+pub(super) const MOST_POINTS: usize = POINTS[POINTS.len() - 1];
+
+const fn points(window: usize) -> usize {
+    2 * WINDOWS[window].next_power_of_two()
+}
 
 /// Transforms of the lengths in [`POINTS`].
 #[derive(Clone)]
@@ -30,9 +33,9 @@ impl Fourier {
         let need = plan.get_inplace_scratch_len();
         match need {
             0 => plan.process_with_scratch(x, &mut []),
-            1..=128 => plan.process_with_scratch(x, &mut [ZERO; 128][..need]),
-            129..=256 => plan.process_with_scratch(x, &mut [ZERO; 256][..need]),
-            _ => plan.process_with_scratch(x, &mut [ZERO; 2 * MOST_POINTS][..need]),
+            1..=128 => plan.process_with_scratch(x, &mut [C::ZERO; 128][..need]),
+            129..=256 => plan.process_with_scratch(x, &mut [C::ZERO; 256][..need]),
+            _ => plan.process_with_scratch(x, &mut [C::ZERO; 2 * MOST_POINTS][..need]),
         }
     }
 }

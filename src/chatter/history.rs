@@ -7,7 +7,6 @@ use crate::keyframe::keep;
 use nalgebra::Complex;
 
 type C = Complex<f64>;
-const ZERO: C = C::new(0.0, 0.0);
 /// Values that a look may ask for.
 const KEPT: usize = LONGEST + PAST + MEMORY;
 
@@ -42,10 +41,10 @@ keep!(History { values, white, end, whitened, whitener }
 
 impl History {
     pub(super) fn new() -> Self {
-        let none = Value { residual: ZERO, orders: ZERO, mixer: ZERO, angle_turns: 0.0 };
+        let none = Value { residual: C::ZERO, orders: C::ZERO, mixer: C::ZERO, angle_turns: 0.0 };
         Self {
             values: vec![none; 2 * LONGEST],
-            white: vec![ZERO; 2 * LONGEST],
+            white: vec![C::ZERO; 2 * LONGEST],
             end: KEPT,
             whitened: 0,
             whitener: Whitener::plain(),

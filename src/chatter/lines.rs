@@ -1,17 +1,16 @@
 //! The lines of a band: the best one of each window, the strongest one, the one that stands.
 
 use super::alternatives::against_noise;
-use super::criteria::{CRITERIA, GROWTHS_1_S, LONGEST, PAST, WINDOWS};
+use super::criteria::{CRITERIA, LONGEST, PAST, RATES_1_S, WINDOWS};
 use super::fourier::{Fourier, MOST_POINTS, POINTS};
 use super::history::{History, Value};
 use super::sustained::{BLOCK, KEPT, Residuals, since};
-use super::window::{Context, Detection, Window, fits};
+use super::window::{Conditions, Context, Detection, Window, fits};
 use nalgebra::Complex;
 use std::cell::OnceCell;
 use std::f64::consts::{EULER_GAMMA, PI, TAU};
 
 type C = Complex<f64>;
-const ZERO: C = C::new(0.0, 0.0);
 /// The window that tells the level of all the band.
 pub(super) const BAND_LEVEL: usize = 1;
 
@@ -47,14 +46,17 @@ fn loudest(x: &[C], among: impl Iterator<Item = i64>) -> Option<i64> {
 /// The test of one band.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Test {
+    rate_hz: f64,
+    centre_hz: f64,
     fourier: Fourier,
     /// Hann's window of each length.
     hann: [Vec<f64>; WINDOWS.len()],
 }
 
 impl Test {
-    pub(super) fn new() -> Self {
-        Self { fourier: Fourier::new(), hann: WINDOWS.map(|n| (0..n).map(|q| hann(q, n)).collect()) }
+    pub(super) fn new(rate_hz: f64, centre_hz: f64) -> Self {
+        let hann = WINDOWS.map(|n| (0..n).map(|q| hann(q, n)).collect());
+        Self { rate_hz, centre_hz, fourier: Fourier::new(), hann }
     }
 
     /// Hann's window of `n` values, the length of a window.
@@ -82,8 +84,8 @@ impl Test {
         which: usize,
         context: &Context,
     ) -> Detection {
-        let mut chirp = [C::new(1.0, 0.0); N];
-        let mut x = [ZERO; P];
+        let mut chirp = [C::ONE; N];
+        let mut x = [C::ZERO; P];
         history.whiten(N);
         x[..N].copy_from_slice(history.white(N));
         let dt = 1.0 / context.rate_hz;
@@ -120,7 +122,7 @@ impl Test {
         let mut found = Detection { offset_hz: best as f64 * step_hz, ..Detection::default() };
         let mut energy = power(x, best) / n as f64;
         if energy > 0.3 * total || energy > context.levels.noise_nats * 0.3 {
-            for growth_1_s in &GROWTHS_1_S[1..] {
+            for growth_1_s in &RATES_1_S[1..3] {
                 let cells = [best - 1, best, best + 1];
                 let turns = cells.map(|k| k as f64 / points as f64);
                 for (k, now) in cells.into_iter().zip(fits(e, turns, growth_1_s / context.rate_hz)) {
@@ -132,7 +134,7 @@ impl Test {
             }
         }
         found.contrast = energy;
-        if energy > CRITERIA.silent * context.levels.noise_nats {
+        if energy > CRITERIA.hold * context.levels.noise_nats {
             refine(e, &mut found, (step_hz, context.rate_hz));
         }
         found
@@ -158,7 +160,7 @@ impl Test {
     /// the window [`COMMON`] has.
     pub(super) fn band_level(&self, history: &mut History, context: &Context) -> f64 {
         let (n, points) = (WINDOWS[BAND_LEVEL], POINTS[BAND_LEVEL]);
-        let mut x = [ZERO; POINTS[BAND_LEVEL]];
+        let mut x = [C::ZERO; POINTS[BAND_LEVEL]];
         let mut sum = 0.0;
         history.whiten(n);
         for ((x, white), hann) in x.iter_mut().zip(history.white(n)).zip(self.hann(n)) {
@@ -175,10 +177,11 @@ impl Test {
 
     /// Strongest line of the residual in these values, a window's length: a peak, no skirt of what
     /// stands beside; what is covered by a skirt is where it was looked for.
-    pub(super) fn strongest(&self, values: &[Value], (rate_hz, watched_hz): (f64, [f64; 2])) -> Strongest {
+    pub(super) fn strongest(&self, values: &[Value], watched_hz: [f64; 2]) -> Strongest {
+        let rate_hz = self.rate_hz;
         let n = values.len();
         let points = (4 * n.next_power_of_two()).min(MOST_POINTS);
-        let mut x = [ZERO; MOST_POINTS];
+        let mut x = [C::ZERO; MOST_POINTS];
         let mut sum = 0.0;
         for ((x, v), hann) in x.iter_mut().zip(values).zip(self.hann(n)) {
             *x = v.residual * *hann;
@@ -195,8 +198,8 @@ impl Test {
         let shift = if bend < 0.0 { (0.5 * (a - c) / bend).clamp(-0.5, 0.5) } else { 0.0 };
         let turns = (best as f64 + shift) / points as f64;
         let (first, last) = values.split_at(n / 2);
-        let mut sums = [ZERO; 2];
-        let (step, mut turn) = (C::from_polar(1.0, -TAU * turns), C::new(1.0, 0.0));
+        let mut sums = [C::ZERO; 2];
+        let (step, mut turn) = (C::from_polar(1.0, -TAU * turns), C::ONE);
         for (first, last) in first.iter().zip(last) {
             sums[0] += first.residual * turn;
             sums[1] += last.residual * turn;
@@ -212,14 +215,14 @@ impl Test {
     }
 
     /// Strongest line between the orders, the strongest too of what a block does not tell from it: whether it
-    /// stands, over as many of the last values as are `clean`.
-    pub(super) fn sustained(&self, residuals: &Residuals, place: &SustainedQuery) -> Sustained {
-        let SustainedQuery { rate_hz, centre_hz, speed_hz, .. } = *place;
+    /// stands, over the last `values`, which are of one cut.
+    pub(super) fn sustained(&self, residuals: &Residuals, now: &Conditions, values: usize) -> Sustained {
+        let (rate_hz, speed_hz) = (self.rate_hz, now.speed_hz);
         let none = Sustained { offset_hz: 0.0, nats: 0.0, power_n2: 0.0, side: 0.0 };
-        if place.since_change < LONGEST {
+        if values < LONGEST {
             return none;
         }
-        let mut x = [ZERO; MOST_POINTS];
+        let mut x = [C::ZERO; MOST_POINTS];
         for ((x, v), hann) in x.iter_mut().zip(residuals.last(LONGEST)).zip(self.hann(LONGEST)) {
             *x = v * *hann;
         }
@@ -227,16 +230,16 @@ impl Test {
         let step_hz = rate_hz / MOST_POINTS as f64;
         let near = (2 * MOST_POINTS / BLOCK) as i64;
         let between = |k: &i64| {
-            let hz = centre_hz + *k as f64 * step_hz;
+            let hz = self.centre_hz + *k as f64 * step_hz;
             let order = hz / speed_hz.max(f64::MIN_POSITIVE);
             let apart_hz = (order - order.round()).abs() * speed_hz;
-            place.alarm || speed_hz <= 0.0 || apart_hz > 2.5 * rate_hz / LONGEST as f64
+            now.alarm || speed_hz <= 0.0 || apart_hz > 2.5 * rate_hz / LONGEST as f64
         };
         let alone = |k: &i64| (k - near..=k + near).all(|m| power(&x, m) <= power(&x, *k));
-        let among = cells(place.watched_hz, rate_hz, MOST_POINTS).filter(|k| between(k) && alone(k));
+        let among = cells(now.watched_hz, rate_hz, MOST_POINTS).filter(|k| between(k) && alone(k));
         let Some(best) = loudest(&x, among) else { return none };
         let turns = best as f64 / MOST_POINTS as f64;
-        let blocks = (place.since_change / BLOCK).min(KEPT / BLOCK);
+        let blocks = (values / BLOCK).min(KEPT / BLOCK);
         let line = self.sums(residuals, blocks, turns);
         let powers = &line.map(|s| s.norm_sqr() / (0.25 * (BLOCK * BLOCK) as f64))[..blocks];
         let power_n2 = powers.iter().sum::<f64>() / blocks as f64;
@@ -254,9 +257,9 @@ impl Test {
 impl Test {
     /// A line in each of the last blocks.
     fn sums(&self, residuals: &Residuals, blocks: usize, turns: f64) -> [C; KEPT / BLOCK] {
-        let mut sums = [ZERO; KEPT / BLOCK];
+        let mut sums = [C::ZERO; KEPT / BLOCK];
         let hann = self.hann(BLOCK);
-        let (step, mut turn) = (C::from_polar(1.0, -TAU * turns), C::new(1.0, 0.0));
+        let (step, mut turn) = (C::from_polar(1.0, -TAU * turns), C::ONE);
         for (q, v) in residuals.last(blocks * BLOCK).enumerate() {
             sums[q / BLOCK] += v * turn * hann[q % BLOCK];
             turn *= step;
@@ -272,19 +275,6 @@ pub(super) struct Strongest {
     pub(super) offset_hz: f64,
     pub(super) power_n2: f64,
     pub(super) growth_1_s: f64,
-}
-
-/// Where a line that stands is looked for.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct SustainedQuery {
-    pub(super) rate_hz: f64,
-    pub(super) centre_hz: f64,
-    pub(super) speed_hz: f64,
-    /// Where orders count too.
-    pub(super) alarm: bool,
-    pub(super) watched_hz: [f64; 2],
-    /// Values that are of one cut.
-    pub(super) since_change: usize,
 }
 
 /// A line and the evidence that its power stands.

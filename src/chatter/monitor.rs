@@ -7,8 +7,8 @@ use super::decision::{Decision, Turn};
 use super::hop::Hop;
 use super::lines::Strongest;
 use super::outliers::OutlierFilter;
-use super::sub_band::{Conditions, SubBand, SubBandState};
-use super::window::{Detection, Reason};
+use super::sub_band::{SubBand, SubBandState};
+use super::window::{Conditions, Detection, Reason};
 use super::{ChatterEvent, ChatterOutput, Line, NotChatter, Phase};
 use crate::keyframe::keep;
 use crate::units::SampleRate;
@@ -334,7 +334,7 @@ impl ChatterMonitor {
         let contrast = best.contrast;
         // A tool that only pushes makes no line that is larger than what it pushes with.
         let amplitude_n = (2.0 * state.latest.power_n2).sqrt();
-        let too_large = amplitude_n > CRITERIA.most_share * self.mean_n(state);
+        let too_large = amplitude_n > CRITERIA.most_share * state.level.reached_n();
         if self.settings.mean == MeanForce::Whole && too_large && !state.decision.alarm {
             evidence = [0.0; 4];
             best.evidence = 0.0;
@@ -364,12 +364,6 @@ impl ChatterMonitor {
             }
             None => {}
         }
-    }
-
-    /// Mean force of the cut, N.
-    fn mean_n(&self, state: &ChatterState) -> f64 {
-        let over_n = state.level.over_rest_n();
-        if over_n > 0.0 { over_n } else { state.level.size_n() }
     }
 
     fn report(&self, state: &mut ChatterState, best: &Detection) {

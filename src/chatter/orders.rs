@@ -38,7 +38,7 @@ pub(super) struct Turned {
 
 impl Orders {
     pub(super) fn new() -> Self {
-        Self { lines: vec![C::new(0.0, 0.0); MOST_ORDERS], first: 0, count: 0, seen: 0.0 }
+        Self { lines: vec![C::ZERO; MOST_ORDERS], first: 0, count: 0, seen: 0.0 }
     }
 
     /// As sure as after one turn: the cut changed.
@@ -59,7 +59,7 @@ impl Orders {
         let step = C::from_polar(1.0, TAU * turn);
         let first = C::from_polar(1.0, TAU * (self.first as f64 * turn).fract()) * at.mixer;
         let mut wave = first;
-        let mut sum = C::new(0.0, 0.0);
+        let mut sum = C::ZERO;
         for k in self.first..self.first + self.count {
             sum += self.lines[k % MOST_ORDERS] * wave;
             wave *= step;
@@ -90,7 +90,7 @@ impl Orders {
         }
         let was = self.first..self.first + self.count;
         for k in (first..first + count).filter(|k| !was.contains(k)) {
-            self.lines[k % MOST_ORDERS] = C::new(0.0, 0.0);
+            self.lines[k % MOST_ORDERS] = C::ZERO;
         }
         (self.first, self.count) = (first, count);
     }

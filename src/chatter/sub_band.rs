@@ -4,11 +4,11 @@ use super::criteria::{CRITERIA, LOOKS, Levels, WINDOWS};
 use super::cut_level::MeanForce;
 use super::history::{History, Value};
 use super::interference::Interference;
-use super::lines::{BAND_LEVEL, Strongest, Sustained, SustainedQuery, Test};
+use super::lines::{BAND_LEVEL, Strongest, Sustained, Test};
 use super::orders::{Orders, Turned};
 use super::sustained::{BLOCK, KEPT, Residuals};
 use super::whitening::{Noise, Whitener};
-use super::window::{Context, Detection, loudness_nats};
+use super::window::{Conditions, Context, Detection, loudness_nats};
 use crate::keyframe::keep;
 use crate::signal::down_mix::{DownMix, DownMixState};
 use crate::units::SampleRate;
@@ -66,28 +66,12 @@ impl SubBandState {
     }
 }
 
-/// What the chain is told with each value.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Conditions {
-    pub(super) angle_turns: f64,
-    pub(super) speed_hz: f64,
-    pub(super) speed_change_1_s: f64,
-    pub(super) watched_hz: [f64; 2],
-    /// Whether what is heard is noise.
-    pub(super) learns: bool,
-    /// Whether a line stands declared: it needs no proof but its power.
-    pub(super) alarm: bool,
-    /// Whether and how the mean force tells of the cut.
-    pub(super) mean: MeanForce,
-    /// Mean force of the cut, N.
-    pub(super) mean_n: f64,
-}
-
 impl SubBand {
     pub(super) fn new(rate: SampleRate, centre_hz: f64, levels: Levels) -> Self {
         let mix = DownMix::new(rate, centre_hz, CRITERIA.rate_hz / 6.0);
+        let test = Test::new(mix.output_rate_hz(), centre_hz);
         let turn = C::from_polar(1.0, -std::f64::consts::TAU * centre_hz / mix.output_rate_hz());
-        Self { mix, turn, test: Test::new(), levels }
+        Self { mix, turn, test, levels }
     }
 
     pub(super) fn centre_hz(&self) -> f64 {
@@ -109,7 +93,7 @@ impl SubBand {
     pub(super) fn start(&self) -> SubBandState {
         SubBandState {
             mix: self.mix.start(),
-            mixer: C::new(1.0, 0.0),
+            mixer: C::ONE,
             orders: [Orders::new(), Orders::new()],
             noise: [Noise::NEW, Noise::NEW],
             whitener: Whitener::NONE,
@@ -154,7 +138,7 @@ impl SubBand {
         let settled = state.count as f64 > CRITERIA.filled_delays * self.delay_s() * rate_hz;
         let learns = now.learns && settled;
         let angle_turns = now.angle_turns - now.speed_hz * self.delay_s();
-        let mut orders = C::new(0.0, 0.0);
+        let mut orders = C::ZERO;
         if now.speed_hz > 0.0 {
             let at = Turned {
                 value,
@@ -214,23 +198,15 @@ impl SubBand {
 
     /// The line that stands: a limit cycle that was not there before, or is louder than a stable cut is.
     fn judge_sustained(&self, state: &mut SubBandState, now: &Conditions) {
-        let rate_hz = self.rate_hz();
         let since_change = if now.alarm { state.alarmed } else { state.since_change };
-        let place = SustainedQuery {
-            rate_hz,
-            centre_hz: self.centre_hz(),
-            speed_hz: now.speed_hz,
-            alarm: now.alarm,
-            watched_hz: now.watched_hz,
-            since_change,
-        };
-        let Sustained { offset_hz, nats, power_n2, side } = self.test.sustained(&state.residuals, &place);
+        let line = self.test.sustained(&state.residuals, now, since_change);
+        let Sustained { offset_hz, nats, power_n2, side } = line;
         let stable_n2 = self.stable_n2(state, now);
         let cut = side > CRITERIA.modulated;
         let over = if state.before[0] == Whitener::NONE {
             2.0 * self.levels.cause_nats * power_n2 / stable_n2
         } else {
-            let known = state.before[0].known(offset_hz / rate_hz);
+            let known = state.before[0].known(offset_hz / self.rate_hz());
             power_n2 * BLOCK as f64 / known.max(f64::MIN_POSITIVE)
         };
         // Where nothing is known of air, what the cut modulates is the cut's.
@@ -394,6 +370,6 @@ impl SubBand {
 
     /// Strongest line of the last `n` values, a window's length.
     pub(super) fn strongest(&self, state: &SubBandState, n: usize, watched_hz: [f64; 2]) -> Strongest {
-        self.test.strongest(state.history.last(n), (self.rate_hz(), watched_hz))
+        self.test.strongest(state.history.last(n), watched_hz)
     }
 }

@@ -22,7 +22,7 @@ keep!(Residuals { values, next } if |s| s.next < KEPT);
 
 impl Residuals {
     pub(super) fn new() -> Self {
-        Self { values: vec![C::new(0.0, 0.0); KEPT], next: 0 }
+        Self { values: vec![C::ZERO; KEPT], next: 0 }
     }
 
     /// True when a block is full.

@@ -6,7 +6,6 @@ use nalgebra::Complex;
 use std::f64::consts::TAU;
 
 type C = Complex<f64>;
-const ZERO: C = C::new(0.0, 0.0);
 
 impl Window<'_> {
     /// Energy, of these values, of a line as strong as it was that moved and may have come to rest.
@@ -34,7 +33,7 @@ impl Window<'_> {
 
 /// Energy of a line that stands at so many turns a value for the last `rest` values and moved before.
 fn moved(values: &[C], [turns, bent]: [f64; 2], rest: usize) -> f64 {
-    let (mut wave, mut sum) = (C::new(1.0, 0.0), ZERO);
+    let (mut wave, mut sum) = (C::ONE, C::ZERO);
     let steady = C::from_polar(1.0, -TAU * turns);
     let mut turn = steady * C::from_polar(1.0, 0.5 * TAU * bent);
     let bend = C::from_polar(1.0, TAU * bent);

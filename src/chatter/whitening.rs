@@ -9,7 +9,6 @@ use crate::keyframe::keep;
 use nalgebra::Complex;
 
 type C = Complex<f64>;
-const ZERO: C = C::new(0.0, 0.0);
 /// Snapshots within the guard time.
 const GUARD: usize = (CRITERIA.guard_s * CRITERIA.rate_hz) as usize / MEMORY + 1;
 
@@ -31,9 +30,9 @@ keep!(Noise { covariance, known, past, past_known, oldest, since }
 
 impl Noise {
     pub(super) const NEW: Self = Self {
-        covariance: [ZERO; MEMORY + 1],
+        covariance: [C::ZERO; MEMORY + 1],
         known: 0.0,
-        past: [[ZERO; MEMORY + 1]; GUARD],
+        past: [[C::ZERO; MEMORY + 1]; GUARD],
         past_known: [0.0; GUARD],
         oldest: 0,
         since: 0,
@@ -103,19 +102,19 @@ pub(super) struct Whitener {
 keep!(Whitener { taps });
 
 impl Whitener {
-    pub(super) const NONE: Self = Self { taps: [ZERO; MEMORY + 1] };
+    pub(super) const NONE: Self = Self { taps: [C::ZERO; MEMORY + 1] };
 
     /// Nothing is known: all as it is.
     pub(super) fn plain() -> Self {
-        let mut taps = [ZERO; MEMORY + 1];
-        taps[0] = C::new(1.0, 0.0);
+        let mut taps = [C::ZERO; MEMORY + 1];
+        taps[0] = C::ONE;
         Self { taps }
     }
 
     /// Levinson's recursion. Without power nothing passes.
     fn new(covariance: &[C; MEMORY + 1]) -> Self {
-        let mut a = [ZERO; MEMORY + 1];
-        a[0] = C::new(1.0, 0.0);
+        let mut a = [C::ZERO; MEMORY + 1];
+        a[0] = C::ONE;
         // White noise of a thousandth is added: no innovation is less than that.
         let floor = CRITERIA.white_share * covariance[0].re;
         let mut power = covariance[0].re + floor;
@@ -148,7 +147,7 @@ impl Whitener {
     /// Power of the noise at a frequency, in turns a value.
     pub(super) fn known(&self, turns: f64) -> f64 {
         let back = C::from_polar(1.0, -std::f64::consts::TAU * turns);
-        let answer = self.taps.iter().rev().fold(ZERO, |sum, a| sum * back + a);
+        let answer = self.taps.iter().rev().fold(C::ZERO, |sum, a| sum * back + a);
         1.0 / answer.norm_sqr().max(f64::MIN_POSITIVE)
     }
 

@@ -1,6 +1,7 @@
 //! A window of the band: what is in it, what is known beside it, and how well a line fits it.
 
 use super::criteria::{CRITERIA, Levels};
+use super::cut_level::MeanForce;
 use super::history::History;
 use super::whitening::Whitener;
 use crate::keyframe::keep;
@@ -9,7 +10,6 @@ use std::cell::OnceCell;
 use std::f64::consts::TAU;
 
 type C = Complex<f64>;
-const ZERO: C = C::new(0.0, 0.0);
 
 /// What explains a window nearly as well as a line, and is no chatter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -49,6 +49,23 @@ pub(super) struct Detection {
 }
 
 keep!(Detection { evidence, over_noise, reason, offset_hz, growth_1_s, contrast, power_n2, switched_on });
+
+/// What a sub-band is told with each value.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Conditions {
+    pub(super) angle_turns: f64,
+    pub(super) speed_hz: f64,
+    pub(super) speed_change_1_s: f64,
+    pub(super) watched_hz: [f64; 2],
+    /// Whether what is heard is noise.
+    pub(super) learns: bool,
+    /// Whether a line stands declared: it needs no proof but its power.
+    pub(super) alarm: bool,
+    /// Whether and how the mean force tells of the cut.
+    pub(super) mean: MeanForce,
+    /// Mean force of the cut, N.
+    pub(super) mean_n: f64,
+}
 
 /// What is known beside the window.
 #[derive(Debug, Clone, Copy)]
@@ -141,7 +158,7 @@ pub(super) fn fit(e: &[C], turns: f64, growth: f64) -> f64 {
 
 /// Energy that two templates explain together.
 pub(super) fn fit_two(e: &[C], pair: impl Fn(usize) -> [C; 2]) -> f64 {
-    let (mut uu, mut vv, mut uv, mut ue, mut ve) = (0.0, 0.0, ZERO, ZERO, ZERO);
+    let (mut uu, mut vv, mut uv, mut ue, mut ve) = (0.0, 0.0, C::ZERO, C::ZERO, C::ZERO);
     for (q, x) in e.iter().enumerate() {
         let [u, v] = pair(q);
         uu += u.norm_sqr();
