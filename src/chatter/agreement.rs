@@ -1,6 +1,7 @@
 //! What several axes say together: chatter shakes the bar, and every axis of the turret feels it.
 
-use super::criteria::{FOLLOWS, SAME_LINE_HZ};
+use super::criteria::SAME_LINE_HZ;
+use super::track::Track;
 use super::{ChatterOutput, Phase};
 use crate::sample::MAX_AXES;
 
@@ -36,7 +37,7 @@ crate::keyframe::keep!(Agreement {
 /// Since when one axis has stood on its line, alone and with another.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 struct Clock {
-    line_hz: Option<f64>,
+    track: Track,
     alone_since_s: Option<f64>,
     together_since_s: Option<f64>,
     /// Time since then, each moment weighed by how clear the line stands.
@@ -44,7 +45,7 @@ struct Clock {
     looked_s: f64,
 }
 
-crate::keyframe::keep!(Clock { line_hz, alone_since_s, together_since_s, clear_s, looked_s });
+crate::keyframe::keep!(Clock { track, alone_since_s, together_since_s, clear_s, looked_s });
 
 /// What is remembered of the axes.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -59,12 +60,9 @@ impl Clock {
     /// Takes what its axis says and whether another hears the same line; answers whether that has lasted.
     fn look(&mut self, t_s: f64, output: &ChatterOutput, heard_by_another: bool) -> bool {
         // A line that jumps about is the comb of a hunting drive: the clocks start again.
-        let steady = self.line_hz.zip(output.frequency_hz).is_some_and(|(a, b)| (a - b).abs() < SAME_LINE_HZ);
-        if !steady {
-            *self = Self { line_hz: output.frequency_hz, looked_s: self.looked_s, ..Self::default() };
-        }
-        if let Some((line_hz, now_hz)) = self.line_hz.as_mut().zip(output.frequency_hz) {
-            *line_hz += FOLLOWS * (now_hz - *line_hz);
+        if !self.track.follow(output.frequency_hz) {
+            let track = Track { line_hz: output.frequency_hz };
+            *self = Self { track, looked_s: self.looked_s, ..Self::default() };
         }
         let chatter = output.phase == Phase::Chatter;
         let since = |clock: &mut Option<f64>, on: bool| {

@@ -160,7 +160,7 @@ pub(super) const LONGEST: usize = WINDOWS[WINDOWS.len() - 1];
 pub(super) const PAST: usize = LONGEST / 2;
 /// Windows are looked at so many times in their length.
 pub(super) const LOOKS: usize = 12;
-/// Values in which a line that is switched on reaches its size: at once to 12 ms.
-pub(super) const RISES: [usize; 3] = [1, 3, 6];
+/// Values in which a line that is switched on reaches its size: at once or in 12 ms.
+pub(super) const RISES: [usize; 2] = [1, 6];
 /// Order of the whitening model: 16 and 24 have too little to learn from at entries.
 pub(super) const MEMORY: usize = 10;

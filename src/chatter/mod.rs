@@ -22,7 +22,6 @@ mod cut_level;
 mod decision;
 mod fourier;
 mod history;
-mod hop;
 mod interference;
 mod lines;
 mod monitor;
@@ -31,6 +30,7 @@ mod outliers;
 mod sub_band;
 mod sustained;
 mod sweep;
+mod track;
 mod whitening;
 mod window;
 
