@@ -173,8 +173,11 @@ mod tests {
             let all: f64 = line.iter().map(C::norm_sqr).sum();
             (switched_on(&line, &plain, 500.0) / all, growing(&line, 500.0) / all)
         };
-        let (at, growth_nats) = of(&|ago_s| (-15.0 * (ago_s - 0.1).max(0.0)).exp());
+        let (at, growth_nats) = of(&|ago_s| (-20.0 * (ago_s - 0.1).max(0.0)).exp());
         assert!(growth_nats > 0.999 && at < 0.95, "{at} {growth_nats}");
+        // Between two of the rates.
+        let (at, growth_nats) = of(&|ago_s| (-15.0 * (ago_s - 0.1).max(0.0)).exp());
+        assert!(growth_nats > 0.995 && at < 0.95, "{at} {growth_nats}");
         let (at, growth_nats) = of(&|ago_s| if ago_s < 0.1 { 1.0 } else { 0.0 });
         assert!(at > 0.999 && growth_nats < 0.98, "{at} {growth_nats}");
         let (at, growth_nats) = of(&|ago_s| ((0.1 - ago_s) / 0.006).clamp(0.0, 1.0));

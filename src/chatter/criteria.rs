@@ -149,9 +149,11 @@ impl Levels {
     }
 }
 
-/// Rates of growth and decay that are told apart, 1/s. A line that fades more slowly than the first is not
-/// stable.
-pub(super) const RATES_1_S: [f64; 4] = [10.0, 15.0, 40.0, 80.0];
+/// Rates of growth that are looked for, beside a line that stands, 1/s.
+pub(super) const GROWTHS_1_S: [f64; 2] = [15.0, 40.0];
+/// Rates at which a line may have grown until it stands, or rings down, 1/s. A line that fades more slowly
+/// than the first is not stable.
+pub(super) const RATES_1_S: [f64; 4] = [10.0, 20.0, 40.0, 80.0];
 /// Values of the windows: 48 to 384 ms.
 pub(super) const WINDOWS: [usize; 4] = [24, 48, 96, 192];
 /// Of the longest.
@@ -160,7 +162,7 @@ pub(super) const LONGEST: usize = WINDOWS[WINDOWS.len() - 1];
 pub(super) const PAST: usize = LONGEST / 2;
 /// Windows are looked at so many times in their length.
 pub(super) const LOOKS: usize = 12;
-/// Values in which a line that is switched on reaches its size: at once or in 12 ms.
-pub(super) const RISES: [usize; 2] = [1, 6];
+/// Values in which a line that is switched on reaches its size: at once to 12 ms.
+pub(super) const RISES: [usize; 3] = [1, 3, 6];
 /// Order of the whitening model: 16 and 24 have too little to learn from at entries.
 pub(super) const MEMORY: usize = 10;

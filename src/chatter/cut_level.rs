@@ -228,7 +228,7 @@ mod tests {
         };
         let drifts_n = reached_n(&|t| 6.0 + t + 0.2 * (t * 600.0).sin());
         assert!((drifts_n - 10.0).abs() < 0.2, "{drifts_n}");
-        let enters_n = reached_n(&|t| 6.0 - if t > 2.0 { 20.0 } else { 0.0 });
+        let enters_n = reached_n(&|t| 6.0 + if t > 2.0 { 20.0 } else { 0.0 });
         assert!((enters_n - 20.0).abs() < 0.1, "{enters_n}");
     }
 

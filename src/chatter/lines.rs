@@ -1,7 +1,7 @@
 //! The lines of a band: the best one of each window, the strongest one, the one that stands.
 
 use super::alternatives::against_noise;
-use super::criteria::{CRITERIA, LONGEST, PAST, RATES_1_S, WINDOWS};
+use super::criteria::{CRITERIA, GROWTHS_1_S, LONGEST, PAST, WINDOWS};
 use super::fourier::{Fourier, MOST_POINTS, POINTS};
 use super::history::{History, Value};
 use super::sustained::{BLOCK, KEPT, Residuals, since};
@@ -122,7 +122,7 @@ impl Test {
         let mut found = Detection { offset_hz: best as f64 * step_hz, ..Detection::default() };
         let mut energy = power(x, best) / n as f64;
         if energy > 0.3 * total || energy > context.levels.noise_nats * 0.3 {
-            for growth_1_s in &RATES_1_S[1..3] {
+            for growth_1_s in &GROWTHS_1_S {
                 let cells = [best - 1, best, best + 1];
                 let turns = cells.map(|k| k as f64 / points as f64);
                 for (k, now) in cells.into_iter().zip(fits(e, turns, growth_1_s / context.rate_hz)) {
