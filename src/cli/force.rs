@@ -412,6 +412,9 @@ impl Inputs {
             harmonic.reading = reading.unwrap_or(harmonic.reading);
             harmonic.lines_per_turn = arguments.teeth.unwrap_or(harmonic.lines_per_turn);
         }
+        let whole = (!arguments.live).then_some(&motion.samples);
+        let told: Vec<&[MotionSample]> = idle_runs.iter().chain(whole).map(Vec::as_slice).collect();
+        plan.learn_travel(rate, &told).map_err(|e| self.of_axis(&axis.name, e))?;
         if !idle_runs.is_empty() {
             plan.settings.idle_map =
                 plan.idle_map(rate, &idle_runs).map_err(|e| self.of_axis(&axis.name, e))?;

@@ -6,6 +6,7 @@ use crate::force::balance::Method;
 use crate::force::budget::drive_side_cutoff_hz;
 use crate::force::estimator::{LowPass, MotionSample, NotchCentre, Signals};
 use crate::force::frf::FrfEstimator;
+use crate::force::guideway::GuidewayTravel;
 use crate::force::harmonic::Reading;
 use crate::force::idle_map::IdleMap;
 use crate::force::observer::{ForcePlan, ServoPlan};
@@ -67,6 +68,8 @@ struct AxisForce {
     idle: Vec<PathBuf>,
     /// Disturbance by position, for each method that the axis names.
     idle_maps: Vec<(Method, IdleMap)>,
+    /// What the idle runs say of the guideway, where the model does not.
+    guideway: GuidewayTravel,
 }
 
 /// How the force of each axis is estimated, checked.
@@ -104,6 +107,7 @@ impl ForceConfig {
             notches: Vec::new(),
             idle: Vec::new(),
             idle_maps: Vec::new(),
+            guideway: GuidewayTravel::default(),
         };
         let mut axes = BTreeMap::new();
         for (name, axis) in raw.axes {
@@ -149,6 +153,7 @@ impl ForceConfig {
                 runs.push(motion.samples);
             }
             if !runs.is_empty() {
+                axis.learn_travel(model, &runs, machine.sample_rate);
                 let maps = axis.maps_of(model, &runs, machine.sample_rate);
                 axis.idle_maps = maps.map_err(|what| format!("machine.axes.{name}.idle: {what}"))?;
             }
@@ -190,6 +195,9 @@ impl ForceConfig {
 impl AxisForce {
     fn servo(&self, model: &AxisModel, method: Method, rate: SampleRate) -> ServoPlan {
         let mut plan = ServoPlan::of_axis(model, method, self.signals);
+        if let GuidewayTravel::Learned(_) = plan.settings.guideway {
+            plan.settings.guideway = self.guideway;
+        }
         plan.settings.notches = self.notches.clone();
         plan.settings.learn_stiffness = true;
         plan.settings.low_pass = LowPass::Butterworth { order: 4, cutoff_hz: self.force_cutoff_hz };
@@ -207,6 +215,17 @@ impl AxisForce {
         let map = self.idle_maps.iter().find(|(of, _)| *of == method);
         plan.settings.idle_map = map.map(|(_, map)| map.clone());
         plan
+    }
+
+    /// Travel of the guideway's friction as the air-cutting runs show it; an estimator that cannot be made is
+    /// refused where its map is.
+    fn learn_travel(&mut self, model: &AxisModel, runs: &[Vec<MotionSample>], rate: SampleRate) {
+        let Some(method) = self.method else { return };
+        let mut plan = self.servo(model, method, rate);
+        let told: Vec<&[MotionSample]> = runs.iter().map(Vec::as_slice).collect();
+        if plan.learn_travel(rate, &told).is_ok() {
+            self.guideway = plan.settings.guideway;
+        }
     }
 
     /// Disturbance by position of the air-cutting runs, for each method of servo signals. Errors: why there
@@ -314,6 +333,7 @@ impl Reader<'_> {
             notches: notches.collect::<Result<_, _>>()?,
             idle: raw.idle.iter().map(|p| self.path.parent().unwrap_or(Path::new("")).join(p)).collect(),
             idle_maps: Vec::new(),
+            guideway: GuidewayTravel::default(),
         })
     }
 }

@@ -6,6 +6,8 @@ use super::balance::{ForceBalance, Method};
 use super::band::{band_of_lines_hz, heard_up_to_hz, usable_above_hz, usable_band_hz};
 use super::beyond::Beyond;
 use super::closed_loop::ClosedLoop;
+use super::guideway::GuidewayTravel;
+use super::guideway_learner::Guideway;
 use super::harmonic::HarmonicEstimator;
 use super::idle_map::IdleMap;
 use super::lane_part::{LanePart, lane_part};
@@ -81,6 +83,8 @@ pub struct ForceEstimator {
     properties: Properties,
     reach_hz: f64,
     pub(super) harmonic: Option<HarmonicEstimator>,
+    travel: GuidewayTravel,
+    guideway: Option<Guideway>,
     learner: Option<StiffnessLearner>,
     two_sides: Option<TwoSides>,
     notch: Option<Notch>,
@@ -160,6 +164,8 @@ impl ForceEstimator {
             },
             reach_hz: heard_up_to_hz(method, drive, &settings, band_hz),
             harmonic,
+            travel: settings.guideway,
+            guideway: Guideway::new(settings.guideway, &balance, axis),
             learner,
             two_sides,
             notch: settings.notch(rate)?,
@@ -212,6 +218,7 @@ impl ForceEstimator {
         Beyond {
             linear_phase,
             harmonic: self.harmonic.as_ref().map(|h| h.settled(first)),
+            guideway: self.guideway.as_ref().map(|g| g.settled(0.0)),
             learned: LearnedStiffness::default(),
             sides: SeenSides::default(),
             notches: [NotchState::default(); MAX_NOTCHES],
@@ -234,6 +241,11 @@ impl ForceEstimator {
         }
         if let (Some(harmonic), Some(inner)) = (&self.harmonic, &mut state.harmonic) {
             harmonic.settle(inner, first);
+        }
+        if let (Some(guideway), Some(inner)) = (&self.guideway, &mut state.guideway) {
+            // A window for another speed is no other guideway.
+            let evidence = inner.evidence;
+            *inner = guideway.settled(input.stage_m[lane]).with(evidence);
         }
         state.learned = LearnedStiffness::default();
         state.sides = SeenSides::default();
@@ -338,6 +350,7 @@ impl ForceEstimator {
         matches!(self.filter, Filter::LinearPhase(_))
             || self.physics.is_some()
             || self.harmonic.is_some()
+            || self.guideway.is_some()
             || self.learner.is_some()
             || self.idle_map.is_some()
             || self.notch.is_some()
@@ -365,6 +378,11 @@ impl ForceEstimator {
                 now.flags |= windowed.flags;
             }
             _ => now.force_n -= self.physics_n(now),
+        }
+        if let (Some(guideway), Some(inner)) = (&self.guideway, &mut state.guideway) {
+            let (friction_n, flag) = guideway.step(inner, now);
+            now.force_n -= friction_n;
+            now.flags |= flag;
         }
         self.compare_sides(state, now, lanes);
         if let Some(map) = &self.idle_map {
@@ -424,6 +442,20 @@ impl ForceEstimator {
     /// What both sides contradict each other by, whatever the method makes of it, N rms.
     pub(super) fn contradiction_n(&self, state: &ForceState) -> f64 {
         self.two_sides.as_ref().map_or(0.0, |sides| sides.contradiction_n(&state.beyond.sides))
+    }
+
+    /// Travel over which the guideway's friction turns, as it is known now; `None` where the balance has
+    /// none.
+    #[must_use]
+    pub fn travel(&self, state: &ForceState) -> Option<GuidewayTravel> {
+        self.travel_of(&state.beyond)
+    }
+
+    /// The same of a state beyond its lane.
+    pub(super) fn travel_of(&self, state: &Beyond) -> Option<GuidewayTravel> {
+        let turns = self.balance.stage_friction_n > 0.0;
+        let learned = state.guideway.as_ref().map(|inner| GuidewayTravel::Learned(inner.evidence));
+        turns.then(|| learned.unwrap_or(self.travel))
     }
 
     /// Stiffness in use over that of the model, where it is learned.

@@ -3,13 +3,10 @@
 //! At the motor: F tanh(v/v_s), the law of the model file. At the stage: the same size, but turned by
 //! travel instead of velocity (Dahl), because a guideway that vibrates in place by less than a
 //! micrometre sticks: its friction is a spring, and sign(v) would subtract a square wave that is not
-//! there. In motion both laws are one.
+//! there. In motion both laws are one. Over which travel is stated by the model, or
+//! learned: [`super::guideway`].
 
 use crate::signal::dispatch::multiply_add;
-
-/// Travel over which guideway friction turns, where no pre-sliding stiffness is stated. Rolling
-/// guideways and ball screws: a few micrometres (Armstrong-Helouvry et al., Automatica 30, 1994).
-pub const PRESLIDING_TRAVEL_M: f64 = 3.0e-6;
 
 /// Friction that turns over a stretch of travel (Dahl 1968).
 ///

@@ -9,6 +9,7 @@ use super::balance::{ForceBalance, Method};
 use super::closed_loop::ClosedLoop;
 use super::estimator::{AlignedMotion, AxisSignals, ForceError, ForceSettings, MotionSample, Signals};
 use super::friction::{Presliding, PreslidingState};
+use super::guideway::GuidewayTravel;
 use super::signals::measured_balance;
 use super::validity::Validity;
 use crate::signal::harmonic_fit::{
@@ -160,6 +161,16 @@ struct Windows {
     lag_samples: usize,
     samples: usize,
     line_noise_n: f64,
+}
+
+/// Friction whose travel is learned is taken off beyond the window.
+fn without_learned_friction(balance: ForceBalance, settings: &ForceSettings) -> ForceBalance {
+    match settings.guideway {
+        GuidewayTravel::Stated(_) => balance,
+        GuidewayTravel::Learned(_) => {
+            ForceBalance { stage_friction_n: balance.stage_friction_n.min(0.0), ..balance }
+        }
+    }
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -360,10 +371,10 @@ impl HarmonicEstimator {
         let need = |needs| ForceError::Structure { method: method.name(), needs };
         let kind = match method {
             Method::Fitted => Kind::Fitted(Fitted {
-                balance: measured_balance(method, axis)?,
+                balance: without_learned_friction(measured_balance(method, axis)?, settings),
                 alignment: Alignment::new(axis.drive, axis.rate, 0.0)?,
                 presliding: Presliding::new(
-                    settings.presliding_travel_m,
+                    settings.guideway.travel_m(),
                     axis.drive.stage_encoder_resolution_m(),
                 ),
             }),
@@ -373,7 +384,7 @@ impl HarmonicEstimator {
                     settings.controller.ok_or(need("[axes.<axis>.controller]"))?,
                 ),
                 friction_n: settings.friction_bound_n(axis.drive),
-                presliding_travel_m: settings.presliding_travel_m,
+                presliding_travel_m: settings.guideway.travel_m(),
                 uses_stage: axis.signals != Signals::MotorOnly,
                 rate_hz: axis.rate.hz(),
             }),

@@ -26,6 +26,8 @@ mod follow;
 pub mod frf;
 pub mod frf_stream;
 pub mod friction;
+pub mod guideway;
+mod guideway_learner;
 pub mod harmonic;
 pub mod idle_map;
 mod lane_line;

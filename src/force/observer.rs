@@ -64,7 +64,7 @@ impl ServoPlan {
         let (physics, drive) = physics_of(&axis.physics, &axis.drive);
         let windowed = matches!(method, Method::Fitted | Method::Spectral);
         let settings = ForceSettings {
-            presliding_travel_m: physics.presliding_travel_m(),
+            guideway: physics.guideway(),
             unmodelled_modes_hz: physics.modes_hz.clone(),
             physics: Some(physics).filter(|_| method != Method::Thrust),
             harmonic: windowed.then(|| HarmonicSettings::at_speed(1200.0)),
@@ -95,6 +95,33 @@ impl ServoPlan {
         let settings = ForceSettings { drive_filter: self.drive_filter(rate)?, ..settings };
         let signals = AxisSignals { drive: &self.drive, rate, signals: self.signals };
         ForceEstimator::new(self.method, &signals, settings)
+    }
+
+    /// Learns the travel over which the guideway's friction turns from whole runs, where the model does not
+    /// state it. Errors: as [`Observer::new`].
+    pub fn learn_travel(&mut self, rate: SampleRate, runs: &[&[MotionSample]]) -> Result<(), ForceError> {
+        // Methods share the guideway; windows and maps have no part in it.
+        let both = matches!(self.signals, Signals::Both | Signals::Three);
+        let method = if both { Method::Medob } else { self.method };
+        let bare = ForceSettings { idle_map: None, learn_stiffness: false, ..self.settings.clone() };
+        let bare = ForceSettings { compare_sides: false, notches: Vec::new(), ..bare };
+        let plan = Self { method, settings: bare, ..self.clone() };
+        for run in runs {
+            let estimator = plan.estimator_of(
+                rate,
+                ForceSettings { guideway: self.settings.guideway, ..plan.settings.clone() },
+            )?;
+            let Some(first) = run.first() else { continue };
+            let mut state = estimator.settled(first);
+            if estimator.travel(&state).is_none() {
+                return Ok(());
+            }
+            for sample in *run {
+                let _ = estimator.step(&mut state, sample);
+            }
+            self.settings.guideway = estimator.travel(&state).unwrap_or(self.settings.guideway);
+        }
+        Ok(())
     }
 
     /// Disturbance by position from idle runs, through the same filters as the cut. `None` where no run

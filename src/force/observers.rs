@@ -10,6 +10,7 @@ use super::beyond::Beyond;
 use super::estimator::{ForceError, ForceEstimate, ForceEstimator, MotionSample, Underway};
 use super::follow::Follow;
 use super::frf_stream::FrfStream;
+use super::guideway::GuidewayTravel;
 use super::lanes::{LaneDesign, LaneMotion, LaneState};
 use super::observer::{ForcePlan, ServoPlan};
 use super::two_sides::Mismatch;
@@ -78,6 +79,13 @@ impl AxisObserver {
     pub fn learned_stiffness_ratio(&self) -> Option<f64> {
         let servo = self.servo()?;
         servo.estimator.learned_ratio(servo.beyond.as_ref()?)
+    }
+
+    /// Travel over which the guideway's friction turns, as it is known now; `None` where it has no part.
+    #[must_use]
+    pub fn guideway_travel(&self) -> Option<GuidewayTravel> {
+        let servo = self.servo()?;
+        servo.estimator.travel_of(servo.beyond.as_ref()?)
     }
 
     /// What both sides of the axis say of the estimate, where they are compared.

@@ -3,7 +3,7 @@
 //! Each term of `[[axes.<axis>.physics]]` whose law exists as a force, an encoder error or a delay is
 //! turned into its share of the force balance; the others are named, not silently dropped.
 
-use super::friction::PRESLIDING_TRAVEL_M;
+use super::guideway::GuidewayTravel;
 use crate::plant::drive::{DriveParams, RawDriveParams};
 use crate::plant::effects::encoder_interpolation_error::EncoderError;
 use crate::plant::effects::law::ForceLaw;
@@ -23,7 +23,7 @@ pub struct PhysicsModel {
     /// 0: K / (1 + c u^2), 1: K (1 - c u^2).
     parabolic: f64,
     smoothing_m_s: f64,
-    presliding_travel_m: f64,
+    guideway: GuidewayTravel,
     /// Effects whose law cannot be taken off a force estimate.
     pub not_applied: Vec<EffectKind>,
     /// Frequencies of modes that the terms state and the balance does not have, Hz.
@@ -41,7 +41,7 @@ impl Default for PhysicsModel {
             saturation_1_n2: 0.0,
             parabolic: 0.0,
             smoothing_m_s: 2e-4,
-            presliding_travel_m: PRESLIDING_TRAVEL_M,
+            guideway: GuidewayTravel::default(),
             not_applied: Vec::new(),
             modes_hz: Vec::new(),
         }
@@ -113,7 +113,7 @@ impl PhysicsModel {
             E::PreslidingFriction => {
                 let stiffness = term.value(&presliding_friction::STIFFNESS)?;
                 let coulomb = raw.stage_coulomb_friction_n.or(raw.motor_coulomb_friction_n)?;
-                self.presliding_travel_m = (coulomb / stiffness).max(1e-9);
+                self.guideway = GuidewayTravel::Stated((coulomb / stiffness).max(1e-9));
             }
             // What is a key of a drive by another name, such as a delay.
             other => Specification::of(other)?.key?(term, raw)?,
@@ -121,10 +121,10 @@ impl PhysicsModel {
         Some(())
     }
 
-    /// Travel over which the guideway's friction turns, m.
+    /// Travel over which the guideway's friction turns, where a term states it.
     #[must_use]
-    pub fn presliding_travel_m(&self) -> f64 {
-        self.presliding_travel_m
+    pub fn guideway(&self) -> GuidewayTravel {
+        self.guideway
     }
 
     /// Coulomb friction among the terms, N: what can hide a force on an axis that stands still.

@@ -1,6 +1,6 @@
 //! What may be chosen about an estimator, and the low-pass behind it.
 
-use super::friction::PRESLIDING_TRAVEL_M;
+use super::guideway::GuidewayTravel;
 use super::harmonic::HarmonicSettings;
 use super::idle_map::IdleMap;
 use super::physics::PhysicsModel;
@@ -74,8 +74,8 @@ pub struct ForceSettings {
     pub idle_map: Option<IdleMap>,
     /// Physics beyond the structure, taken off; see [`super::physics::physics_of`].
     pub physics: Option<PhysicsModel>,
-    /// Travel over which the guideway's friction turns, m.
-    pub presliding_travel_m: f64,
+    /// Travel over which the guideway's friction turns.
+    pub guideway: GuidewayTravel,
     /// Notches behind the balance, at most [`MAX_NOTCHES`].
     pub notches: Vec<NotchCentre>,
     /// Spindle speed and window; needed by `fitted` and `spectral`.
@@ -118,7 +118,7 @@ impl Default for ForceSettings {
             low_pass: LowPass::Butterworth { order: 4, cutoff_hz: 1000.0 },
             idle_map: None,
             physics: None,
-            presliding_travel_m: PRESLIDING_TRAVEL_M,
+            guideway: GuidewayTravel::default(),
             notches: Vec::new(),
             harmonic: None,
             controller: None,

@@ -60,6 +60,10 @@ impl Validity {
     /// tenth: its size there is not that of the force.
     pub const FORCE_ABOVE_BAND: Validity = Validity(1 << 9);
 
+    /// Over which travel the friction of the guideway turns is neither stated nor learned, and the axis moves
+    /// where that matters: the estimate holds an error within that friction.
+    pub const FRICTION_TRAVEL_UNKNOWN: Validity = Validity(1 << 10);
+
     /// Flags that make a force unfit to act on unless somebody who knows the machine accepts them by name.
     pub const HOLDING_BY_DEFAULT: Validity = Validity(
         Self::ENCODER_LINE_IN_BAND.0
@@ -68,7 +72,7 @@ impl Validity {
             | Self::FORCE_ABOVE_BAND.0,
     );
 
-    const NAMES: [(Validity, &'static str); 10] = [
+    const NAMES: [(Validity, &'static str); 11] = [
         (Self::SETTLING, "settling"),
         (Self::BELOW_FRICTION, "below_friction"),
         (Self::ENCODER_LINE_IN_BAND, "encoder_line_in_band"),
@@ -79,6 +83,7 @@ impl Validity {
         (Self::MEAN_NOT_OBSERVABLE, "mean_not_observable"),
         (Self::ESTIMATORS_DISAGREE, "estimators_disagree"),
         (Self::FORCE_ABOVE_BAND, "force_above_band"),
+        (Self::FRICTION_TRAVEL_UNKNOWN, "friction_travel_unknown"),
     ];
 
     /// True when no flag is set.

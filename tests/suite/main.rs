@@ -29,6 +29,7 @@ mod force_budget;
 mod force_flags;
 mod force_live;
 mod force_trust;
+mod guideway;
 #[cfg(feature = "service")]
 mod http;
 mod identify;

@@ -25,6 +25,9 @@ pub(super) fn describe(
     let unknown =
         || "not known: the model states no encoder steps, or no controller to carry them".to_owned();
     note("noise_floor_n", if floor_n > 0.0 { format!("{floor_n:.4}") } else { unknown() });
+    if let Some(travel) = observer.guideway_travel() {
+        note("guideway_travel_m", travel.describe());
+    }
     if let Some(condition) = observer.properties().condition {
         note("condition", format!("{condition:.3e}"));
     }
