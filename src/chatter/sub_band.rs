@@ -212,8 +212,11 @@ impl SubBand {
         // Where nothing is known of air, what the cut modulates is the cut's.
         let new = over > self.levels.cause_nats
             || (cut && nats > self.levels.cause_nats && state.before[0] == Whitener::NONE);
+        // A line as large as the mean force: a tool that pushes and never pulls leaves the cut in each cycle.
+        let leaves =
+            now.mean == MeanForce::Whole && 2.0 * power_n2 > stable_n2 / CRITERIA.stable_share.powi(2);
         // Where the noise of this cut is known a line is seen to grow.
-        let seen = now.mean != MeanForce::Absent && !self.learning(state) && !now.alarm;
+        let seen = now.mean != MeanForce::Absent && !self.learning(state) && !now.alarm && !leaves;
         let rules = new && !seen && (cut || power_n2 > CRITERIA.rules * state.whole_n2);
         state.sustained = if rules {
             Detection {

@@ -227,6 +227,18 @@ fn a_line_without_a_cutting_force_is_not_chatter() {
     assert_eq!(listen(grown).len(), 1);
 }
 
+/// A tool that pushes and never pulls leaves the cut where a line is as large as its force: no tone does that.
+#[test]
+fn a_line_for_which_the_tool_leaves_the_cut_is_chatter_however_it_began() {
+    let of = |size_n: f64| {
+        let whole = move |t: f64| (80.0 + size_n * line(t, 651.3)).max(0.0) - 80.0;
+        listen(move |t| if t > 4.0 { whole(t) } else { 0.0 })
+    };
+    assert!(of(40.0).is_empty());
+    let found = of(110.0);
+    assert!(matches!(found[..], [(4.3..5.5, ChatterEvent::Onset(_))]), "{found:?}");
+}
+
 /// A pump or a fan is there at once; chatter grows, faster or slower, and may stand then.
 #[test]
 fn a_tone_that_is_switched_on_in_the_cut_is_not_chatter() {
