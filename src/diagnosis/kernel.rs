@@ -74,12 +74,7 @@ impl Kernel {
             .map(|k| (k as f64 - half as f64) * dt + action.advance_s)
             .map(|t| continuous(band_hz, action.derivative, t) * dt)
             .collect();
-        correct_moments(
-            &mut taps,
-            half,
-            band_hz * dt,
-            Shift { derivative: action.derivative, samples: action.advance_s * rate_hz, rate_hz },
-        );
+        correct_moments(&mut taps, half, (band_hz, rate_hz), action);
         Self { taps, half }
     }
 
@@ -198,17 +193,12 @@ pub(crate) struct Grid {
     pub(crate) count: usize,
 }
 
-struct Shift {
-    derivative: u32,
-    samples: f64,
-    rate_hz: f64,
-}
-
 /// Adds a small smooth piece so that powers up to the fourth are filtered, shifted and differentiated
 /// exactly.
 ///
 /// sum_j k_j (-j)^q = d^d/dT^d sum_i h_i (T - i)^q at T = shift, h: the unshifted low-pass.
-fn correct_moments(taps: &mut [f64], half: usize, band_per_sample: f64, shift: Shift) {
+fn correct_moments(taps: &mut [f64], half: usize, (band_hz, rate_hz): (f64, f64), action: Action) {
+    let band_per_sample = band_hz * (1.0 / rate_hz);
     let plain: Vec<f64> =
         (0..taps.len()).map(|k| continuous(band_per_sample, 0, k as f64 - half as f64)).collect();
     let total: f64 = plain.iter().sum();
@@ -222,7 +212,7 @@ fn correct_moments(taps: &mut [f64], half: usize, band_per_sample: f64, shift: S
     let power = |k: usize, q: usize| (-(k as f64 - half as f64) / scale).powi(q as i32);
     let mut wanted = SVector::<f64, MOMENTS>::zeros();
     for q in 0..MOMENTS {
-        let d = shift.derivative as usize;
+        let d = action.derivative as usize;
         if q >= d {
             let falling: f64 = (0..d).map(|r| (q - r) as f64).product();
             let left = q - d;
@@ -230,10 +220,11 @@ fn correct_moments(taps: &mut [f64], half: usize, band_per_sample: f64, shift: S
             let mut binomial = 1.0;
             for r in 0..=left {
                 let sign = if r % 2 == 0 { 1.0 } else { -1.0 };
-                sum += binomial * shift.samples.powi((left - r) as i32) * sign * moment(r as i32);
+                sum +=
+                    binomial * (action.advance_s * rate_hz).powi((left - r) as i32) * sign * moment(r as i32);
                 binomial = binomial * (left - r) as f64 / (r + 1) as f64;
             }
-            wanted[q] = falling * sum * shift.rate_hz.powi(shift.derivative as i32) / scale.powi(q as i32);
+            wanted[q] = falling * sum * rate_hz.powi(action.derivative as i32) / scale.powi(q as i32);
         }
         wanted[q] -= taps.iter().enumerate().map(|(k, t)| t * power(k, q)).sum::<f64>();
     }

@@ -9,7 +9,7 @@ use crate::plant::effects::encoder_interpolation_error::EncoderError;
 use crate::plant::effects::law::ForceLaw;
 use crate::plant::effects::torque_constant_saturation::{PARABOLIC, PER_A2, lost_share};
 use crate::plant::effects::{
-    EffectKind, PhysicsTerm, Port, Specification, coulomb_friction, presliding_friction, torsional_mode,
+    EffectKind, PhysicsTerm, Port, coulomb_friction, presliding_friction, torsional_mode,
 };
 
 /// Terms of one axis, ready to be evaluated.
@@ -116,7 +116,7 @@ impl PhysicsModel {
                 self.guideway = GuidewayTravel::Stated((coulomb / stiffness).max(1e-9));
             }
             // What is a key of a drive by another name, such as a delay.
-            other => Specification::of(other)?.key?(term, raw)?,
+            _ => term.into_key(raw)?,
         }
         Some(())
     }

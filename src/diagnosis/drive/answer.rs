@@ -10,12 +10,13 @@ use super::laws::{Deviations, Hypothesis, Shape, scale_deviation};
 use super::likelihood::Design;
 use super::model::{is_other_size, sizes};
 use super::notes;
-use super::numbers::{Absent, Doubt, absent, corrections, doubt, fit_without, stated_beta, unsaid};
+use super::numbers::{self, Absent, Doubt, absent, corrections, doubt, fit_without, stated_beta, unsaid};
+use super::recorded::position_at;
 use super::rest::{Rest, rest, rest_of, spans_s};
-use super::series::{Residuals, contribution, contribution_of_number, residuals};
+use super::series::{Residuals, contribution, contribution_of_number, of_recording, residuals};
 use super::spectra::FOLDS;
 use super::state::{Accepted, Balance, Number, State};
-use super::words::{specification, statement, told};
+use super::words::{specification, statement, term_of, told};
 use crate::diagnosis::criteria::{Criteria, Z95};
 use crate::diagnosis::encoder_noise::variance_m2;
 use crate::diagnosis::result::{
@@ -51,10 +52,8 @@ pub(super) struct Case<'a> {
 
 /// What was found, before it is asserted.
 pub(super) struct Found {
-    pub(super) effect: EffectKind,
-    pub(super) port: Port,
     estimates: Vec<Estimate>,
-    term: PhysicsTerm,
+    pub(super) term: PhysicsTerm,
     evidence_nats: f64,
     level_nats: f64,
     contribution: Vec<Contribution>,
@@ -68,11 +67,6 @@ pub(super) fn is_other_than_zero(law: &Accepted, deviations: &[f64]) -> bool {
     // Of a bristle the force: what remains without it is a damper.
     let count = if law.hypothesis.facts().turns_friction { 1 } else { law.amplitudes.len() };
     law.hypothesis.has_dose() || law.amplitudes.iter().zip(deviations).take(count).any(sized)
-}
-
-/// Deviations of a state.
-fn doubt_of(balance: &Balance, state: &State) -> Doubt {
-    doubt(balance, state, &rest(balance, state))
 }
 
 /// Drops laws that the recordings do not determine; what is left is built anew. Of two that stand for one
@@ -113,9 +107,12 @@ impl Case<'_> {
         let mut found = self.found(&state, &doubt, &absent, level);
         found.extend(self.encoder_steps());
         // The model says how much it leaves, and no more is left.
-        let as_stated = self.stated_rest_n > 0.0 && !rest(balance, self.start).is_left(self.stated_rest_n);
+        let of_start = rest(balance, self.start);
+        let as_stated = self.stated_rest_n > 0.0 && !of_start.is_left(self.stated_rest_n);
+        let mut settled = doubt.clone();
         if as_stated {
             found.clear();
+            settled = numbers::doubt(balance, self.start, &of_start);
         }
         let said: Vec<Number> = absent.iter().map(|a| a.number).collect();
         let (design, beta) = fit_without(self.start, &said);
@@ -131,7 +128,6 @@ impl Case<'_> {
             1.0 - (left.force_n.powi(2) - repeats_n.powi(2)).max(0.0) / before.force_n.max(1e-300).powi(2);
         let named = !found.is_empty() && (!is_left || share > Criteria::STANDARD.named_share);
         let of = if as_stated { self.start } else { &state };
-        let settled = if as_stated { doubt_of(balance, self.start) } else { doubt.clone() };
         let mut corrections = self.all_corrections(of, &settled);
         let bent = self.out_of_budget && found.is_empty() && !corrections.is_empty();
         let unexplained = is_left && !named || bent;
@@ -234,8 +230,6 @@ impl Case<'_> {
             let (estimates, term) = told(h, &state.told(balance, law, sd));
             let (evidence_nats, level_nats) = self.evidence_of(h.effect, h.port);
             list.push(Found {
-                effect: h.effect,
-                port: h.port,
                 term,
                 estimates,
                 evidence_nats,
@@ -252,11 +246,10 @@ impl Case<'_> {
             let one = balance.signals.sides() == 1;
             let port = if one || a.number.is_of_stage() { Port::Stage } else { Port::Motor };
             let half = Z95 * a.deviation.hypot(scale * a.value);
+            let estimates = vec![Estimate::within(of, a.value, half)];
             list.push(Found {
-                effect,
-                port,
-                estimates: vec![Estimate::within(of, a.value, half)],
-                term: PhysicsTerm::new(effect, port, &[(of, a.value)]),
+                term: term_of(effect, port, &estimates),
+                estimates,
                 evidence_nats: a.evidence_nats,
                 level_nats: level,
                 contribution: contribution_of_number(balance, state, (a.number, a.value), self.recordings),
@@ -317,12 +310,13 @@ impl Case<'_> {
                 }
                 ParameterValue::Number(_) => None,
             });
+            let PhysicsTerm { effect, port, .. } = f.term;
             Finding {
                 rank: k + 1,
-                effect: f.effect,
-                port: f.port,
-                statement: statement(f.effect, f.port, &f.estimates),
-                equation: specification(f.effect).equation,
+                effect,
+                port,
+                statement: statement(effect, port, &f.estimates),
+                equation: specification(effect).equation,
                 maps: maps.collect(),
                 fit: Fit {
                     heldout_rms_before_n: f.without_n,
@@ -343,7 +337,7 @@ impl Case<'_> {
 
     /// Of a finding and of what else was fitted in its round; "nothing" has the level.
     fn probabilities(&self, f: &Found) -> (f64, Vec<Alternative>) {
-        let others = self.round_of(f.effect, f.port).iter().skip(1);
+        let others = self.round_of(f.term.effect, f.term.port).iter().skip(1);
         let others: Vec<_> = others.filter(|o| !o.at_bound && o.evidence_nats > 0.0).collect();
         let mut evidence = vec![f.evidence_nats];
         evidence.extend(others.iter().map(|o| o.evidence_nats.min(f.evidence_nats)));
@@ -359,56 +353,47 @@ impl Case<'_> {
 
     /// Steps of encoders that are coarser than stated.
     fn encoder_steps(&self) -> Vec<Found> {
-        let axis = self.axis;
+        let ports = [Port::MotorEncoder, Port::StageEncoder];
+        ports.into_iter().filter_map(|port| self.encoder_step(port)).collect()
+    }
+
+    fn encoder_step(&self, port: Port) -> Option<Found> {
+        let (axis, coarser) = (self.axis, Criteria::STANDARD.coarser_step);
+        let raw = axis.drive.raw();
+        // Without a stated step there is nothing to be coarser than.
+        match port {
+            Port::MotorEncoder => raw.motor_encoder_resolution_m,
+            _ => raw.stage_encoder_resolution_m,
+        }?;
+        let stated_m = stated_step_m(axis, port);
+        let read: Vec<Vec<f64>> =
+            self.recordings.iter().map(|r| position_at(axis, r, port)).collect::<Option<_>>()?;
+        let found = |(x, r): (&Vec<f64>, &Recording)| {
+            let step_m = coarser_step(x, stated_m)?;
+            // What is noisier than the step makes it is rounded to digits, or was reckoned; what is less
+            // noisy is the sum of a rounded speed.
+            let of_step = 12.0 * variance_m2(x, r.sample_rate.hz(), 0.5) / step_m.powi(2);
+            (0.5..coarser.powi(2)).contains(&of_step).then_some(step_m)
+        };
+        let steps: Vec<f64> = read.iter().zip(self.recordings).map(found).collect::<Option<_>>()?;
+        let step_m = steps.iter().sum::<f64>() / steps.len().max(1) as f64;
+        if step_m < coarser * stated_m {
+            return None;
+        }
+        // The step's own part: the read value less the line between its neighbours' middles.
+        let off = |x: &[f64]| x.iter().map(|v| v - (v / step_m).round() * step_m).collect();
+        let read = read.iter().zip(self.recordings).enumerate();
         let level_nats = level(self.start, (1, 0.0));
-        let coarser = Criteria::STANDARD.coarser_step;
-        let side = |port: Port, recording: &Recording| match port {
-            Port::MotorEncoder => super::recorded::motor_position(axis, recording),
-            _ => super::recorded::stage_position(axis, recording).map(<[f64]>::to_vec),
-        };
-        let of = |port: Port| -> Option<Found> {
-            let raw = axis.drive.raw();
-            // Without a stated step there is nothing to be coarser than.
-            match port {
-                Port::MotorEncoder => raw.motor_encoder_resolution_m,
-                _ => raw.stage_encoder_resolution_m,
-            }?;
-            let stated = stated_step_m(axis, port);
-            let found = |r: &Recording| {
-                let x = side(port, r)?;
-                let step = coarser_step(&x, stated)?;
-                // What is noisier than the step makes it is rounded to digits, or was reckoned; what is less
-                // noisy is the sum of a rounded speed.
-                let noise_m2 = variance_m2(&x, r.sample_rate.hz(), 0.5);
-                let of_step = 12.0 * noise_m2 / step.powi(2);
-                (0.5..coarser.powi(2)).contains(&of_step).then_some(step)
-            };
-            let steps: Vec<f64> = self.recordings.iter().filter_map(found).collect();
-            let step = steps.iter().sum::<f64>() / steps.len().max(1) as f64;
-            if steps.len() < self.recordings.len() || step < coarser * stated {
-                return None;
-            }
-            let contribution = self.recordings.iter().enumerate().filter_map(|(k, r)| {
-                let x = side(port, r)?;
-                // The step's own part: the read value less the line between its neighbours' middles.
-                let value = x.iter().map(|v| v - (v / step).round() * step).collect();
-                Some(Contribution { recording: k, t_s: (0..r.len()).map(|j| r.time_s(j)).collect(), value })
-            });
-            Some(Found {
-                effect: EffectKind::EncoderQuantization,
-                port,
-                estimates: vec![Estimate {
-                    ci95: [0.98 * step, 1.02 * step],
-                    ..Estimate::within(&STEP, step, 0.0)
-                }],
-                term: PhysicsTerm::new(EffectKind::EncoderQuantization, port, &[(&STEP, step)]),
-                evidence_nats: 10.0 * level_nats,
-                level_nats,
-                contribution: contribution.collect(),
-                without_n: 0.0,
-            })
-        };
-        [Port::MotorEncoder, Port::StageEncoder].into_iter().filter_map(of).collect()
+        let ci95 = [0.98 * step_m, 1.02 * step_m];
+        let estimates = vec![Estimate { ci95, ..Estimate::within(&STEP, step_m, 0.0) }];
+        Some(Found {
+            term: term_of(EffectKind::EncoderQuantization, port, &estimates),
+            estimates,
+            evidence_nats: 10.0 * level_nats,
+            level_nats,
+            contribution: read.map(|(k, (x, r))| of_recording(k, r, off(x))).collect(),
+            without_n: 0.0,
+        })
     }
 
     /// Numbers of the structure and of stated laws that stand elsewhere.

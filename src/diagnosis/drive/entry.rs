@@ -117,15 +117,17 @@ pub(super) fn without(masks: &[Mask], others: &[Mask]) -> Vec<Mask> {
     joined(masks, others, |own, other| own && !other)
 }
 
-/// Rows that are in `masks` or in `rows`.
-pub(super) fn with(masks: &[Mask], rows: &[Mask]) -> Vec<Mask> {
+/// Rows that are in `rows` or in `masks`.
+pub(super) fn with(rows: &[Mask], masks: &[Mask]) -> Vec<Mask> {
     joined(rows, masks, |own, other| own || other)
 }
 
-fn joined(masks: &[Mask], others: &[Mask], of: impl Fn(bool, bool) -> bool) -> Vec<Mask> {
-    let other = |r: usize, k: usize| others.get(r).and_then(|o| o.get(k)).is_some_and(|o| *o);
-    let each =
-        |(r, mask): (usize, &Mask)| mask.iter().enumerate().map(|(k, m)| of(*m, other(r, k))).collect();
+fn joined(masks: &[Mask], others: &[Mask], of: fn(bool, bool) -> bool) -> Vec<Mask> {
+    let none = Mask::new();
+    let each = |(r, mask): (usize, &Mask)| {
+        let other = others.get(r).unwrap_or(&none).iter().copied().chain(std::iter::repeat(false));
+        mask.iter().zip(other).map(|(own, other)| of(*own, other)).collect()
+    };
     masks.iter().enumerate().map(each).collect()
 }
 

@@ -6,7 +6,7 @@ use super::state::Accepted;
 use crate::plant::drive::{DriveParams, RawDriveParams, Structure};
 use crate::plant::effects::law::ForceLaw;
 use crate::plant::effects::{
-    EffectKind as E, PhysicsTerm, Specification, WITH_DIRECTION, external_disturbance, torsional_mode,
+    EffectKind as E, PhysicsTerm, WITH_DIRECTION, external_disturbance, torsional_mode,
 };
 use crate::plant::machine::AxisModel;
 use std::f64::consts::TAU;
@@ -16,17 +16,12 @@ use std::f64::consts::TAU;
 pub(super) fn folded(axis: &AxisModel) -> AxisModel {
     let mut raw = axis.drive.raw().clone();
     let mut physics: Vec<PhysicsTerm> =
-        axis.physics.iter().filter(|t| into_key(t, &mut raw).is_none()).cloned().collect();
+        axis.physics.iter().filter(|t| t.into_key(&mut raw).is_none()).cloned().collect();
     if axis.drive.structure() == Structure::TripleInertia {
         physics.push(lumped(&axis.drive, &mut raw));
     }
     let drive = DriveParams::new(raw).unwrap_or_else(|_| axis.drive.clone());
     AxisModel { drive, physics, ..axis.clone() }
-}
-
-/// A term that is a key of a drive by another name.
-fn into_key(term: &PhysicsTerm, raw: &mut RawDriveParams) -> Option<()> {
-    Specification::of(term.effect)?.key?(term, raw)
 }
 
 /// Motor and screw as one inertia, and the mode between them.

@@ -123,7 +123,7 @@ fn beside_cut(
     let (start, _) = start_of(&axis, &balance);
     let cut = entry::entered(&balance, &start, &mut work_of(options, recordings))?;
     let rows = cut.rows(&balance);
-    let (masked, resting) = (entry::with(&options.masked, &rows), entry::without(&options.resting, &rows));
+    let (masked, resting) = (entry::with(&rows, &options.masked), entry::without(&options.resting, &rows));
     let rest = DiagnoseOptions { masked, resting, ..options.clone() };
     let round = cut.round();
     let case = answer::Case {

@@ -49,7 +49,7 @@ pub(super) fn budget(
 /// What nobody asked: all of the bank where no round was complete, else what promised to be worth a fit in
 /// the last round and got none.
 fn not_asked(case: &Case<'_>) -> Vec<String> {
-    let name = |h: &Hypothesis| format!("{} at {}", h.effect.name(), h.port.name());
+    let name = |h: &Hypothesis| format!("{} at {}", h.effect, h.port);
     let mut names: Vec<String> = match case.rounds.last() {
         None => candidates(case.balance, case.start).iter().map(name).collect(),
         Some(round) => {
@@ -79,7 +79,7 @@ impl Case<'_> {
         let mut notes = self.notes.clone();
         if unexplained && !found.is_empty() {
             let names: Vec<String> =
-                found.iter().map(|f| format!("{} at {}", f.effect.name(), f.port.name())).collect();
+                found.iter().map(|f| format!("{} at {}", f.term.effect, f.term.port)).collect();
             notes
                 .push(format!("Candidates that take part of it and are not asserted: {}.", names.join(", ")));
         }

@@ -133,3 +133,21 @@ impl Mechanics {
         self.of_mut(number).map_or(0.0, |x| *x)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::Number as N;
+    use crate::plant::drive::RawDriveParams;
+
+    #[test]
+    fn a_number_that_is_stated_has_a_key_of_a_drive_and_one_of_the_motor_beside_it() {
+        let motor = [N::MotorMass, N::MotorDamping, N::MotorCoulomb];
+        let stage = [N::StageMass, N::StageDamping, N::StageCoulomb];
+        assert_eq!(stage.map(N::of_motor), motor.map(Some));
+        for number in motor.into_iter().chain(stage).chain([N::Stiffness, N::StructuralDamping]) {
+            let (key, tolerance) = number.key().expect("stated");
+            assert!(RawDriveParams::default().number_mut(key).is_some(), "{key}");
+            assert!(tolerance > 0.0 && tolerance < 0.1, "{key}");
+        }
+    }
+}

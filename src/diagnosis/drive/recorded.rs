@@ -3,6 +3,7 @@
 use crate::diagnosis::DiagnoseError;
 use crate::diagnosis::criteria::Criteria;
 use crate::diagnosis::steps::coarser_step;
+use crate::plant::effects::Port;
 use crate::plant::machine::AxisModel;
 use crate::sample::Recording;
 
@@ -63,13 +64,25 @@ pub(in crate::diagnosis) fn stage_position<'a>(
     recording.get(&format!("{}_stage_position_m", axis.name))
 }
 
+/// Position in m that an encoder reads.
+pub(in crate::diagnosis) fn position_at(
+    axis: &AxisModel,
+    recording: &Recording,
+    port: Port,
+) -> Option<Vec<f64>> {
+    match port {
+        Port::MotorEncoder => motor_position(axis, recording),
+        _ => stage_position(axis, recording).map(<[f64]>::to_vec),
+    }
+}
+
 /// Position in m from the motor encoder, else from the scale.
 pub(in crate::diagnosis) fn position(
     axis: &AxisModel,
     recording: &Recording,
 ) -> Result<Vec<f64>, DiagnoseError> {
-    let stage = || stage_position(axis, recording).map(<[f64]>::to_vec);
-    motor_position(axis, recording).or_else(stage).ok_or_else(|| {
+    let read = |port| position_at(axis, recording, port);
+    read(Port::MotorEncoder).or_else(|| read(Port::StageEncoder)).ok_or_else(|| {
         let expected = format!("{}_motor_angle_rad, _motor_position_m or _stage_position_m", axis.name);
         DiagnoseError::MissingColumn { recording: recording.experiment.clone(), expected }
     })

@@ -119,7 +119,8 @@ pub(super) fn contribution_of_number(
         .collect()
 }
 
-fn of_recording(recording: usize, of: &Recording, value: Vec<f64>) -> Contribution {
+/// A series of all samples of a recording.
+pub(super) fn of_recording(recording: usize, of: &Recording, value: Vec<f64>) -> Contribution {
     Contribution { recording, t_s: (0..of.len()).map(|k| of.time_s(k)).collect(), value }
 }
 

@@ -2,7 +2,9 @@
 //! thinned for the balance.
 
 use super::one_mass::{Spring, THINNED_PER_BAND, spring};
-use super::recorded::{Thrust, is_locked, motor_position, position, span, stage_position, thrust};
+use super::recorded::{
+    Thrust, is_locked, motor_position, position, position_at, span, stage_position, thrust,
+};
 use super::spectra::{SHORTEST_BLOCK, Series};
 use crate::diagnosis::DiagnoseError;
 use crate::diagnosis::criteria::Criteria;
@@ -11,6 +13,7 @@ use crate::diagnosis::encoder_noise::{SpeedOfStep, rounding_m, variance_m2};
 use crate::diagnosis::kernel::{Action, Grid, Kernel};
 use crate::diagnosis::steps::coarser_step;
 use crate::plant::drive::{DriveParams, Structure};
+use crate::plant::effects::Port;
 use crate::plant::machine::AxisModel;
 use crate::sample::Recording;
 use crate::signal::inner_products::{dot, rms};
@@ -134,7 +137,7 @@ fn swing_n(axis: &AxisModel, recording: &Recording, thrust_n: &[f64]) -> Vec<f64
 fn found_steps_m(axis: &AxisModel, recording: &Recording) -> [f64; 2] {
     let rate_hz = recording.sample_rate.hz();
     let stated = [axis.drive.motor_encoder_resolution_m(), axis.drive.stage_encoder_resolution_m()];
-    let raw = [motor_position(axis, recording), stage_position(axis, recording).map(<[f64]>::to_vec)];
+    let raw = [Port::MotorEncoder, Port::StageEncoder].map(|port| position_at(axis, recording, port));
     std::array::from_fn(|k| {
         let found =
             |x: &Vec<f64>| coarser_step(x, stated[k].max(1e-12)).unwrap_or(0.0).max(rounding_m(x, rate_hz));
@@ -161,8 +164,8 @@ impl Signals {
         let by_stage = layout == Layout::OnePosition && stage_is_finer(axis, recordings);
         let two = layout == Layout::TwoPositions;
         let positions: Vec<Vec<Read>> =
-            recordings.iter().map(|r| positions(axis, r, (layout, by_stage))).collect::<Result<_, _>>()?;
-        let of_one = |read: &[Read]| if two { 0.0 } else { read[0].noise_m2(rate_hz) };
+            recordings.iter().map(|r| positions(axis, r, (layout, by_stage))).collect();
+        let of_one = |read: &Vec<Read>| read.first().filter(|_| !two).map_or(0.0, |x| x.noise_m2(rate_hz));
         let clean_hz = recordings.iter().zip(&positions).flat_map(|(r, all)| {
             all.iter().map(|read| clean_band_hz(axis, r, (read.mass_kg, read.noise_m2(rate_hz))))
         });
@@ -197,7 +200,7 @@ impl Signals {
             smoothing_m_s,
             tracks: Vec::new(),
             wound_m: one_mass.map_or(0.0, |s| s.wound_m),
-            noise_m2: positions.iter().map(|read| of_one(read)).collect(),
+            noise_m2: positions.iter().map(of_one).collect(),
             kernels: [0, 1, 2].map(|derivative| low_pass(band_hz, derivative).after(&mean_of_laws)),
             of_velocity: low_pass(velocity_hz, 1),
             means: averaged.map(|rows| Kernel::mean(if rows > 1 { 1 } else { most })),
@@ -223,6 +226,9 @@ impl Signals {
         (positions, velocity_hz, mask): (&[Read], f64, &[bool]),
     ) -> Result<Track, DiagnoseError> {
         let reference = thrust(axis, recording)?;
+        if positions.is_empty() {
+            position(axis, recording)?;
+        }
         let samples = recording.len();
         let path_half = self.path_half(axis).min(samples / PATH_PARTS);
         let halves = positions.iter().map(|read| self.low_pass(velocity_hz, 1, read.delay_s).half());
@@ -344,9 +350,9 @@ impl Signals {
         turning_m.max(4.0 * self.steps_m[side]).max(self.wound_m).min(0.1 * (high - low))
     }
 
-    /// Thinned grid in the full-rate series of a recording.
-    fn grid(&self, track: &Track) -> Grid {
-        Grid { first: track.thin_first - track.full_first, step: self.step, count: track.thin_count() }
+    /// Thinned grid in a recording.
+    fn thin(&self, track: &Track) -> Grid {
+        Grid { first: track.thin_first, step: self.step, count: track.thin_count() }
     }
 
     /// Share of its power that white noise keeps in the balance at a frequency.
@@ -356,7 +362,8 @@ impl Signals {
 
     /// A full-rate series, filtered and thinned; derivative 0, 1 or 2.
     pub(super) fn filtered(&self, track: &Track, full: &[f64], derivative: usize) -> Vec<f64> {
-        self.kernels[derivative].apply(full, self.grid(track))
+        let thin = self.thin(track);
+        self.kernels[derivative].apply(full, Grid { first: thin.first - track.full_first, ..thin })
     }
 
     /// A full-rate series through the low-pass, its ends as they are.
@@ -371,14 +378,12 @@ impl Signals {
 
     /// A series of all samples of a recording, filtered and thinned.
     pub(super) fn thinned(&self, track: &Track, raw: &[f64]) -> Vec<f64> {
-        let grid = Grid { first: track.thin_first, step: self.step, count: track.thin_count() };
-        self.kernels[0].apply(raw, grid)
+        self.kernels[0].apply(raw, self.thin(track))
     }
 
     /// Thrust that has come through dead time and current loop, thinned, N.
     pub(super) fn thrust(&self, track: &Track, path: Path) -> Vec<f64> {
-        let grid = Grid { first: track.thin_first, step: self.step, count: track.thin_count() };
-        self.path_kernel(path).apply(&track.reference.reference_n, grid)
+        self.path_kernel(path).apply(&track.reference.reference_n, self.thin(track))
     }
 
     /// The same at the full rate.
@@ -474,11 +479,7 @@ impl Read {
 }
 
 /// Motor and stage; of one position the motor, or the stage where there is no other, or it is to be that one.
-fn positions(
-    axis: &AxisModel,
-    recording: &Recording,
-    (layout, by_stage): (Layout, bool),
-) -> Result<Vec<Read>, DiagnoseError> {
+fn positions(axis: &AxisModel, recording: &Recording, (layout, by_stage): (Layout, bool)) -> Vec<Read> {
     let d = &axis.drive;
     let mass_kg = match layout {
         Layout::TwoPositions => [d.reflected_mass_kg(), d.movable_mass_kg()],
@@ -493,8 +494,7 @@ fn positions(
     let read = |(k, x_m): (usize, Option<Vec<f64>>)| {
         x_m.map(|x_m| Read { x_m, delay_s: delay_s[k], mass_kg: mass_kg[k] })
     };
-    let all: Vec<Read> = [motor, stage].into_iter().enumerate().filter_map(read).collect();
-    if all.is_empty() { position(axis, recording).map(|_| all) } else { Ok(all) }
+    [motor, stage].into_iter().enumerate().filter_map(read).collect()
 }
 
 /// True where the scale has less than half of the noise of the motor's encoder.

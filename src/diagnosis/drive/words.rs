@@ -10,11 +10,15 @@ use crate::plant::effects::{
 pub(super) fn told(h: &Hypothesis, told: &Told<'_>) -> (Vec<Estimate>, PhysicsTerm) {
     let mut sheet = Sheet { list: Vec::new(), scale: scale_deviation(told.balance) };
     h.tell(told, &mut sheet);
-    let number = |e: &Estimate| (e.name.clone(), ParameterValue::Number(e.value));
-    let parameters = sheet.list.iter().map(number).collect();
-    let mut term = PhysicsTerm { effect: h.effect, port: h.port, parameters };
+    let mut term = term_of(h.effect, h.port, &sheet.list);
     h.law().write(told, &mut term);
     (sheet.list, term)
+}
+
+/// Numbers for people as a term of a model.
+pub(super) fn term_of(effect: EffectKind, port: Port, numbers: &[Estimate]) -> PhysicsTerm {
+    let number = |e: &Estimate| (e.name.clone(), ParameterValue::Number(e.value));
+    PhysicsTerm { effect, port, parameters: numbers.iter().map(number).collect() }
 }
 
 /// What is known of an effect.

@@ -36,6 +36,7 @@ pub use specification::{
     AMPLITUDE_N, ForceOf, HARMONICS_N, PHASE, Parameter, Role, Specification, Spoken, WITH_DIRECTION,
 };
 
+use super::drive::RawDriveParams;
 use std::fmt;
 
 /// Where an effect enters the machine.
@@ -286,6 +287,11 @@ impl PhysicsTerm {
     #[must_use]
     pub fn says(&self, choice: &Parameter) -> bool {
         self.value(choice).is_some_and(|x| x != 0.0)
+    }
+
+    /// Puts a term that is a number of a drive by another name into it. `None`: it is no such term.
+    pub fn into_key(&self, raw: &mut RawDriveParams) -> Option<()> {
+        Specification::of(self.effect)?.key?(self, raw)
     }
 
     /// A parameter that is a list, if it is there.

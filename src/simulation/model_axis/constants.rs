@@ -194,6 +194,6 @@ impl Constants {
 
 /// Terms that are keys of a drive by another name and no forces.
 fn into_keys(term: &PhysicsTerm, raw: &mut RawDriveParams) -> Option<()> {
-    let of = Specification::of(term.effect).filter(|s| s.force.is_none())?;
-    of.key?(term, raw)
+    Specification::of(term.effect).filter(|s| s.force.is_none())?;
+    term.into_key(raw)
 }

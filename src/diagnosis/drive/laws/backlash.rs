@@ -83,7 +83,7 @@ impl Law for Backlash {
     }
 
     fn constants(&mut self) -> Vec<Free<'_>> {
-        vec![Free { value: &mut self.gap_m, parameter: &GAP }]
+        vec![Free::of(&mut self.gap_m, &GAP)]
     }
 
     /// A dry nut between its flanks has neither spring nor damper.
@@ -144,10 +144,7 @@ impl Law for Gap {
     }
 
     fn constants(&mut self) -> Vec<Free<'_>> {
-        vec![
-            Free { value: &mut self.gap_m, parameter: &GAP },
-            Free { value: &mut self.flank_m, parameter: &FLANK },
-        ]
+        vec![Free::of(&mut self.gap_m, &GAP), Free::of(&mut self.flank_m, &FLANK)]
     }
 
     fn springs(&self, ground: &Ground<'_>) -> Vec<SpringLaw> {
@@ -184,10 +181,7 @@ impl Law for Play {
     }
 
     fn constants(&mut self) -> Vec<Free<'_>> {
-        vec![
-            Free { value: &mut self.gap_m, parameter: &GAP },
-            Free { value: &mut self.yield_m, parameter: &YIELD },
-        ]
+        vec![Free::of(&mut self.gap_m, &GAP), Free::of(&mut self.yield_m, &YIELD)]
     }
 
     fn full(&self, at: &At<'_>) -> Vec<Vec<f64>> {

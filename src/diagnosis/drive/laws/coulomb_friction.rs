@@ -34,7 +34,7 @@ impl Law for Smoothing {
     }
 
     fn constants(&mut self) -> Vec<Free<'_>> {
-        vec![Free { value: &mut self.speed_m_s, parameter: &SMOOTHING }]
+        vec![Free::of(&mut self.speed_m_s, &SMOOTHING)]
     }
 
     /// Dry friction of each side: it takes the place of that of the numbers.

@@ -35,7 +35,7 @@ impl Law for CurrentLoop {
     }
 
     fn constants(&mut self) -> Vec<Free<'_>> {
-        vec![Free { value: &mut self.rad_s, parameter: &BANDWIDTH }]
+        vec![Free::of(&mut self.rad_s, &BANDWIDTH)]
     }
 
     fn columns(&self, ground: &Ground<'_>, _: Port) -> Option<Vec<TimeColumn>> {

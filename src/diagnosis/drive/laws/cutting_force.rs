@@ -66,7 +66,7 @@ impl Law for Cut {
     }
 
     fn constants(&mut self) -> Vec<Free<'_>> {
-        vec![Free { value: &mut self.hz, parameter: &FUNDAMENTAL }]
+        vec![Free::of(&mut self.hz, &FUNDAMENTAL)]
     }
 
     /// Harmonics and mean in a window; every recording has columns of its own.

@@ -68,7 +68,7 @@ impl Law for Delay {
     }
 
     fn constants(&mut self) -> Vec<Free<'_>> {
-        vec![Free { value: &mut self.extra_s, parameter: &EXTRA }]
+        vec![Free::of(&mut self.extra_s, &EXTRA)]
     }
 
     fn columns(&self, ground: &Ground<'_>, _: Port) -> Option<Vec<TimeColumn>> {
@@ -100,7 +100,7 @@ impl Law for EncoderDelay {
     }
 
     fn constants(&mut self) -> Vec<Free<'_>> {
-        vec![Free { value: &mut self.extra_s, parameter: &EXTRA }]
+        vec![Free::of(&mut self.extra_s, &EXTRA)]
     }
 
     fn full(&self, at: &At<'_>) -> Vec<Vec<f64>> {

@@ -35,7 +35,7 @@ impl Law for Drift {
     }
 
     fn constants(&mut self) -> Vec<Free<'_>> {
-        vec![Free { value: &mut self.tau_s, parameter: &TIME }]
+        vec![Free::of(&mut self.tau_s, &TIME)]
     }
 
     fn full(&self, at: &At<'_>) -> Vec<Vec<f64>> {

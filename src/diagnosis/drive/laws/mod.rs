@@ -113,6 +113,12 @@ pub(crate) struct Free<'a> {
     pub(crate) parameter: &'static Parameter,
 }
 
+impl<'a> Free<'a> {
+    fn of(value: &'a mut f64, parameter: &'static Parameter) -> Self {
+        Self { value, parameter }
+    }
+}
+
 /// One law.
 pub(crate) trait Law {
     /// What the engine needs to know of it.

@@ -62,7 +62,7 @@ impl Law for StiffnessWave {
     }
 
     fn constants(&mut self) -> Vec<Free<'_>> {
-        vec![Free { value: &mut self.length_m, parameter: &LENGTH }]
+        vec![Free::of(&mut self.length_m, &LENGTH)]
     }
 
     fn springs(&self, ground: &Ground<'_>) -> Vec<SpringLaw> {

@@ -53,7 +53,7 @@ impl Law for Wave {
     }
 
     fn constants(&mut self) -> Vec<Free<'_>> {
-        vec![Free { value: &mut self.wavelength_m, parameter: &WAVELENGTH }]
+        vec![Free::of(&mut self.wavelength_m, &WAVELENGTH)]
     }
 
     fn full(&self, at: &At<'_>) -> Vec<Vec<f64>> {

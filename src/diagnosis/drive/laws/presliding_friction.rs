@@ -48,7 +48,7 @@ impl Law for Presliding {
     }
 
     fn constants(&mut self) -> Vec<Free<'_>> {
-        vec![Free { value: &mut self.yield_m, parameter: &law::YIELD }]
+        vec![Free::of(&mut self.yield_m, &law::YIELD)]
     }
 
     /// The bristle of unit force, and its rate times a second of the speed at which it is half yielded.

@@ -25,7 +25,7 @@ impl Law for Stribeck {
     }
 
     fn constants(&mut self) -> Vec<Free<'_>> {
-        vec![Free { value: &mut self.speed_m_s, parameter: &SPEED }]
+        vec![Free::of(&mut self.speed_m_s, &SPEED)]
     }
 
     fn full(&self, at: &At<'_>) -> Vec<Vec<f64>> {

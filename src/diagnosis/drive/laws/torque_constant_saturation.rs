@@ -44,7 +44,7 @@ impl Law for Saturation {
     }
 
     fn constants(&mut self) -> Vec<Free<'_>> {
-        vec![Free { value: &mut self.per_a2, parameter: &PER_A2 }]
+        vec![Free::of(&mut self.per_a2, &PER_A2)]
     }
 
     fn full(&self, at: &At<'_>) -> Vec<Vec<f64>> {

@@ -110,9 +110,9 @@ impl Law for ThirdInertia {
 
     fn constants(&mut self) -> Vec<Free<'_>> {
         vec![
-            Free { value: &mut self.frequency_hz, parameter: &FREQUENCY },
-            Free { value: &mut self.share, parameter: &SHARE },
-            Free { value: &mut self.damping, parameter: &DAMPING },
+            Free::of(&mut self.frequency_hz, &FREQUENCY),
+            Free::of(&mut self.share, &SHARE),
+            Free::of(&mut self.damping, &DAMPING),
         ]
     }
 
