@@ -44,7 +44,8 @@ criteria! {
     /// within a ten thousandth of one there.
     turning: f64 = 5.0,
     /// What friction of a real drive does not repeat, as a share of the thrust: the publishers' best model of
-    /// EMPS leaves 3.1 %. So much beside a finding takes nothing from it.
+    /// EMPS leaves 3.1 %. So much beside a finding takes nothing from it, a stated dry friction is no nearer,
+    /// and the band of one position ends where its noise makes so much force.
     repeatability: f64 = 0.031,
     /// Share of the thrust's power that a model leaves at most that is adequate: one that leaves more says
     /// nothing of this axis, however white that is.
@@ -52,14 +53,10 @@ criteria! {
     /// Deviations over those by the curvature of L, at least: half-overlapping blocks, leakage between bins,
     /// noise that is not flat within a band.
     serial: f64 = 1.5,
-    /// A number is wrong beyond this many of its statement's own tolerances ...
-    correction_tolerances: f64 = 3.0,
-    /// ... and of its deviations.
-    correction_deviations: f64 = 4.0,
+    /// A number is wrong beyond this many of its statement's own tolerances and of its deviations.
+    contradicted: f64 = 3.0,
     /// Tolerance of stated masses and stiffness, as a share: what an identification by a sweep repeats to.
     mass_tolerance: f64 = 0.02,
-    /// The same of dry friction.
-    coulomb_tolerance: f64 = 0.033,
     /// The same of dampings.
     damping_tolerance: f64 = 0.05,
     /// The same of the torque constant: winding and magnet at room temperature.
@@ -68,11 +65,6 @@ criteria! {
     /// one mass, since errors in variables make the stiffness wrong. Over friction's smoothing speed: the
     /// speed that a step makes in the band of the velocity.
     step_share: f64 = 0.1,
-    /// Force that noise of a position makes through the mass, over the thrust: where the band of one position
-    /// ends. A thirtieth of the thrust bends a mass by a thousandth.
-    position_noise: f64 = 0.03,
-    /// Speed of the axis below which a linear spectrum is flat: two bands of the floor, share of the band.
-    floor_band: [f64; 2] = [0.168, 0.337],
     /// What a law evaluated between samples is exact to, as a share.
     exactness: f64 = 5e-4,
     /// What a model of a linear axis leaves of its thrust at best, as a share of its rms, where a statement
@@ -82,64 +74,39 @@ criteria! {
     undetermined: f64 = 0.5,
     /// Evidence that halves the odds, over the level: chance is known no better.
     temper_share: f64 = 0.1,
-    /// Found over stated from which on a step of an encoder is a coarser one: noise makes half of it.
-    coarser_step: f64 = 2.0,
     /// A force over what its motion needs from which on it moves nothing.
     idle: f64 = 3.0,
     /// Mains keep their frequency within so much of it.
     mains_off: f64 = 2e-3,
     /// Share of the reference's changes that a control law may leave and still be the one that acted.
     law_share: f64 = 0.02,
-    /// Share of itself that the deviation of a number may be which the written model states.
-    known_share: f64 = 0.05,
     /// Pass band of a balance at most, Hz.
     band_hz: f64 = 800.0,
     /// The same as a share of the rate: of two positions, and of one, which has no resonance in it.
     band_share: [f64; 2] = [0.08, 0.1],
     /// Highest frequency looked at over the pass band: what a kernel that is half there still tells.
     top: f64 = 1.1875,
-    /// Share of the axial resonance up to which an axis with one position moves as one mass: its stage lags
-    /// by 2 % of its inertia there.
-    rigid_share: f64 = 0.15,
     /// Narrowest band of a velocity, as a share of the rate.
     velocity_band_share: f64 = 0.05,
-    /// Quantile of the blocks of a recording in which the axis moves: at rest a step shows no noise.
-    moving: f64 = 0.75,
-    /// Bands from which on an axis with one position shows its floor, as a share of the highest frequency.
-    quiet_from: f64 = 0.02,
     /// Share of the excess above the floor that the stated band holds.
     excess_share: f64 = 0.95,
     /// Power of a block over the median of its recording that is told as a time of the mismatch.
     loud: f64 = 3.0,
-    /// A constant this near to a bound is at it, as a share.
-    at_bound: f64 = 0.02,
-    /// A way back that is a reversal, in travels.
-    reversal: f64 = 1e-3,
-    /// A line is there itself where it has this share of its strongest harmonic.
-    line_share: f64 = 0.25,
     /// A stated step of an encoder is right if the found one is below this many times it.
     other_step: f64 = 1.3,
     /// Share of the differences of a position that lie on the grid of its step.
     on_grid: f64 = 0.97,
-    /// Steps of the force that differ by less of its span are the same step.
-    same_step: f64 = 1e-6,
     /// A motion of fewer steps is none ...
     still_steps: f64 = 3.0,
     /// ... nor is one in which no guide slides, m: guides give by 5 to 50 um before they do. What a cut moves
     /// an axis by that is told to stand has no friction, inertia or screw to tell of.
     slides_m: f64 = 5e-6,
-    /// What a lead, a scale or a long screw may be off by.
+    /// What a lead, a scale or a long screw may be off by, as a share: motor and stage have one travel where
+    /// they agree in form and size to this.
     travel_off: f64 = 0.05,
-    /// Motor and stage have one travel where they agree in form to this share of their power ...
-    travel_alike: f64 = 0.98,
-    /// ... and go further than this, m, and than so many stretches of the screw and steps of the encoder.
-    travel_least_m: f64 = 1e-3,
-    travel_least_times: f64 = 20.0,
-    /// Least share of the thrust's power that a model explains once it is turned, if its sign is wrong.
-    turned_explains: f64 = 0.3,
-    /// Least travel that tells a sign, m: what moves less may be moved by a cut, and then the drive pushes
-    /// against it.
-    turned_least_m: f64 = 2.5e-3,
+    /// Least travel that tells a unit or a sign, m: what moves less may be moved by a cut, and then the drive
+    /// pushes against it.
+    tells_m: f64 = 2.5e-3,
     /// Share of the thrust's power below which inertia or friction have no say of their own.
     silent: f64 = 0.01,
 }

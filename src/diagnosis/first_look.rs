@@ -12,8 +12,7 @@ use crate::signal::inner_products::dot;
 
 /// Blocks that are averaged, s.
 const BLOCK_S: f64 = 0.01;
-/// Fewest blocks that say something.
-const LEAST_BLOCKS: usize = 16;
+
 /// Refuses recordings of which nothing can be told. A recording without the columns has its own error later.
 /// The answer: which of them the axis stands in.
 ///
@@ -31,7 +30,7 @@ pub(super) fn check(
         let recordings: Vec<&str> = recordings.iter().map(|r| r.experiment.as_str()).collect();
         return Err(DiagnoseError::Standing { axis: axis.name.clone(), recordings: recordings.join(", ") });
     }
-    looks.iter().flatten().filter(|l| l.motor_m.len() >= LEAST_BLOCKS).try_for_each(|look| {
+    looks.iter().flatten().try_for_each(|look| {
         look.check_travel()?;
         look.check_sign()
     })?;
@@ -88,7 +87,8 @@ impl<'a> Look<'a> {
         let stretch_m =
             if d.axial_stiffness_n_m() > 0.0 { span(&self.thrust_n) / d.axial_stiffness_n_m() } else { 0.0 };
         let step_m = c.still_steps * d.motor_encoder_resolution_m();
-        let least_m = c.travel_least_m.max(c.travel_least_times * stretch_m.max(step_m));
+        // What stretch and steps may be of it is what the ratio may be off by.
+        let least_m = c.tells_m.max(stretch_m.max(step_m) / c.travel_off);
         if span(&self.motor_m) < least_m && span(stage_m) < least_m || is_locked(self.axis, self.recording) {
             return Ok(());
         }
@@ -96,7 +96,7 @@ impl<'a> Look<'a> {
             [(&self.motor_m, stage_m), (&self.motor_m, &self.motor_m), (stage_m, stage_m)]
                 .map(|(a, b)| dot(a, b));
         let ratio = both / stage;
-        if both * both < c.travel_alike * motor * stage || (ratio - 1.0).abs() <= c.travel_off {
+        if both * both < (1.0 - c.travel_off) * motor * stage || (ratio - 1.0).abs() <= c.travel_off {
             return Ok(());
         }
         Err(DiagnoseError::TravelRatio {
@@ -111,7 +111,7 @@ impl<'a> Look<'a> {
     /// they do so, too, and everything that is found then makes up for it.
     fn check_sign(&self) -> Result<(), DiagnoseError> {
         let (c, d) = (&Criteria::STANDARD, &self.axis.drive);
-        if span(&self.motor_m) < c.turned_least_m || is_locked(self.axis, self.recording) {
+        if span(&self.motor_m) < c.tells_m || is_locked(self.axis, self.recording) {
             return Ok(());
         }
         let smoothing_m_s = d.friction_smoothing_m_s();
@@ -134,7 +134,7 @@ impl<'a> Look<'a> {
         let against = |own: f64, other: f64, power: f64, beside: f64| {
             power < c.silent * ff || own * beside - other * ir < 0.0
         };
-        if explained < c.turned_explains || !against(fi, fr, ii, rr) || !against(fr, fi, rr, ii) {
+        if 1.0 - explained > c.adequate_share || !against(fi, fr, ii, rr) || !against(fr, fi, rr, ii) {
             return Ok(());
         }
         Err(DiagnoseError::OppositeSign {

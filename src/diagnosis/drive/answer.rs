@@ -202,11 +202,10 @@ impl Case<'_> {
             start = kept.iter().map(|k| start[*k]).collect();
         }
         let mut sum = 0.0;
-        for part in (0..FOLDS).map(Part::Fold) {
-            let bands = base.gram.foretelling(&self.balance.plan, part);
-            let fit = design.fit(&bands, start.clone(), design.weights(&bands, &start));
+        let foretold = self.balance.foretold(&base.gram, &design, &start);
+        for (part, beta) in (0..FOLDS).map(Part::Fold).zip(foretold) {
             for band in base.gram.sum(&self.balance.plan, part) {
-                let s = design.spread(&band, &fit.beta);
+                let s = design.spread(&band, &beta);
                 sum += (s[0] + s[2]) * band.values;
             }
         }
@@ -358,7 +357,7 @@ impl Case<'_> {
     }
 
     fn encoder_step(&self, port: Port) -> Option<Found> {
-        let (axis, coarser) = (self.axis, Criteria::STANDARD.coarser_step);
+        let (axis, coarser) = (self.axis, Criteria::STANDARD.other_step);
         let raw = axis.drive.raw();
         // Without a stated step there is nothing to be coarser than.
         match port {
@@ -372,7 +371,7 @@ impl Case<'_> {
             let step_m = coarser_step(x, stated_m)?;
             // What is noisier than the step makes it is rounded to digits, or was reckoned; what is less
             // noisy is the sum of a rounded speed.
-            let of_step = 12.0 * variance_m2(x, r.sample_rate.hz(), 0.5) / step_m.powi(2);
+            let of_step = 12.0 * variance_m2(x, r.sample_rate.hz()) / step_m.powi(2);
             (0.5..coarser.powi(2)).contains(&of_step).then_some(step_m)
         };
         let steps: Vec<f64> = read.iter().zip(self.recordings).map(found).collect::<Option<_>>()?;

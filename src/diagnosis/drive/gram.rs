@@ -111,56 +111,44 @@ impl Gram {
 
     /// Added up over a part, by what has one noise level.
     pub(super) fn sum(&self, plan: &Plan, part: Part) -> Vec<BandGram> {
-        self.added(plan, |cell| if part.has(cell) { 1.0 } else { 0.0 })
+        self.added(plan, |cell| part.has(cell))
     }
 
     /// The same over all else.
     pub(super) fn sum_without(&self, plan: &Plan, part: Part) -> Vec<BandGram> {
-        self.added(plan, |cell| if part.has(cell) { 0.0 } else { 1.0 })
-    }
-
-    /// What a part is foretold from: all else, and the part itself with the weight of one of its values (unit
-    /// information, Kass and Wasserman 1995), so that a coefficient of which all else tells nothing cannot be
-    /// anything.
-    pub(super) fn foretelling(&self, plan: &Plan, part: Part) -> Vec<BandGram> {
-        let values: usize = plan.cells.iter().filter(|c| part.has(c)).map(|c| c.values).sum();
-        self.added(plan, |cell| if part.has(cell) { 1.0 / values as f64 } else { 1.0 })
+        self.added(plan, |cell| !part.has(cell))
     }
 
     /// The same as [`Self::sum`] of all by bands.
     pub(super) fn sum_by_band(&self, plan: &Plan) -> Vec<BandGram> {
-        self.by_level(plan, |_| 1.0, |band| band)
+        self.by_level(plan, |_| true, |band| band)
     }
 
-    fn added(&self, plan: &Plan, weight: impl Fn(&Cell) -> f64) -> Vec<BandGram> {
-        self.by_level(plan, weight, |band| if plan.white { 0 } else { band })
+    fn added(&self, plan: &Plan, has: impl Fn(&Cell) -> bool) -> Vec<BandGram> {
+        self.by_level(plan, has, |band| if plan.white { 0 } else { band })
     }
 
     fn by_level(
         &self,
         plan: &Plan,
-        weight: impl Fn(&Cell) -> f64,
+        has: impl Fn(&Cell) -> bool,
         level: impl Fn(usize) -> usize,
     ) -> Vec<BandGram> {
         let mut out: Vec<BandGram> = Vec::new();
-        for (cell, gram) in plan.cells.iter().zip(&self.cells) {
-            let weight = weight(cell);
-            if weight == 0.0 {
-                continue;
-            }
-            let values = weight * cell.values as f64;
+        for (cell, gram) in plan.cells.iter().zip(&self.cells).filter(|(cell, _)| has(cell)) {
+            let values = cell.values as f64;
             match out.iter_mut().find(|b| b.recording == cell.recording && b.band == level(cell.band)) {
                 Some(band) => {
                     band.values += values;
                     for (sum, products) in band.products.iter_mut().zip(&gram.products) {
-                        sum.iter_mut().zip(products).for_each(|(s, p)| *s += weight * p);
+                        sum.iter_mut().zip(products).for_each(|(s, p)| *s += p);
                     }
                 }
                 None => out.push(BandGram {
                     recording: cell.recording,
                     band: level(cell.band),
                     values,
-                    products: gram.products.clone().map(|m| m.into_iter().map(|p| weight * p).collect()),
+                    products: gram.products.clone(),
                 }),
             }
         }

@@ -23,7 +23,7 @@ impl Case<'_> {
         let off = if constant.is_some() { (-common).exp() } else { 1.0 };
         let known = told
             .iter()
-            .filter(|n| n.value > 0.0 && n.deviation < Criteria::STANDARD.known_share * n.value)
+            .filter(|n| n.value > 0.0 && n.deviation < Criteria::STANDARD.damping_tolerance * n.value)
             .map(|n| (n.key, off * n.value));
         let further =
             list.iter().filter(|c| !told.iter().any(|n| n.key == c.name)).map(|c| (&*c.name, c.value));
@@ -83,8 +83,7 @@ impl Case<'_> {
 pub(super) fn is_other_size(scale: f64, deviation: f64) -> bool {
     let c = &Criteria::STANDARD;
     // A law is stated half as well as dry friction.
-    let apart = 2.0 * c.correction_tolerances * c.coulomb_tolerance;
-    (scale - 1.0).abs() > apart.max(c.correction_deviations * deviation)
+    (scale - 1.0).abs() > c.contradicted * deviation.max(2.0 * c.repeatability)
 }
 
 /// Parameters that the size of an effect is in.

@@ -74,8 +74,8 @@ impl Number {
             Self::StructuralDamping => ("structural_damping_n_s_m", c.damping_tolerance),
             Self::MotorDamping => ("rotary_damping_nm_s_rad", c.damping_tolerance),
             Self::StageDamping => ("translational_damping_n_s_m", c.damping_tolerance),
-            Self::MotorCoulomb => ("motor_coulomb_friction_n", c.coulomb_tolerance),
-            Self::StageCoulomb => ("stage_coulomb_friction_n", c.coulomb_tolerance),
+            Self::MotorCoulomb => ("motor_coulomb_friction_n", c.repeatability),
+            Self::StageCoulomb => ("stage_coulomb_friction_n", c.repeatability),
             _ => return None,
         })
     }

@@ -1,7 +1,6 @@
 //! The columns of one axis in a recording: thrust in N, positions in m.
 
 use crate::diagnosis::DiagnoseError;
-use crate::diagnosis::criteria::Criteria;
 use crate::diagnosis::steps::coarser_step;
 use crate::plant::effects::Port;
 use crate::plant::machine::AxisModel;
@@ -39,7 +38,8 @@ pub(in crate::diagnosis) fn thrust(axis: &AxisModel, recording: &Recording) -> R
     };
     let no_constant = || DiagnoseError::NoTorqueConstant { axis: axis.name.clone() };
     let per_unit = per_unit[kind].ok_or_else(no_constant)?;
-    let least = Criteria::STANDARD.same_step * span(values);
+    // What single precision rounds is no step.
+    let least = 8.0 * f64::from(f32::EPSILON) * span(values);
     Ok(Thrust {
         reference_n: values.iter().map(|v| v * per_unit).collect(),
         per_unit,

@@ -45,7 +45,7 @@ pub(super) fn rest_of(balance: &Balance, state: &State, (design, beta): (&Design
     let base = &state.base;
     let plan = &balance.plan;
     let two = balance.signals.sides() == 2;
-    let [low_hz, high_hz] = Criteria::STANDARD.floor_band.map(|s| s * balance.signals.top_hz());
+    let [low_hz, high_hz] = plan.floor_hz();
     let middle = |band: usize| 0.5 * plan.band_hz(band).iter().sum::<f64>();
     let all = base.gram.sum_by_band(plan);
     let spreads: Vec<Spread> = all.iter().map(|b| design.spread(b, beta)).collect();
@@ -61,11 +61,10 @@ pub(super) fn rest_of(balance: &Balance, state: &State, (design, beta): (&Design
             let reference = own().find(|(b, _)| (low_hz..high_hz).contains(&middle(b.band)));
             return reference.or(own().next_back()).map_or([0.0; 3], |(_, s)| *s);
         }
-        let from_hz = Criteria::STANDARD.quiet_from * balance.signals.top_hz();
-        // Noise of the force is white before the low-pass; where that has taken half of it, nothing is read.
-        // Where the low-pass has taken half of it, little is read; a slow recording may have nothing else.
+        // Noise of the force is white before the low-pass. Where that has taken half of it, little is read; a
+        // slow recording may have nothing else.
         let quiet = |least: f64| {
-            let bands = own().filter(|(b, _)| middle(b.band) > from_hz).filter_map(|(b, s)| {
+            let bands = own().filter_map(|(b, s)| {
                 let kept = balance.signals.kept_power(middle(b.band));
                 (kept > least).then_some((s[0] / kept - of_position(recording, middle(b.band))).max(0.0))
             });
@@ -131,7 +130,7 @@ fn port_of(balance: &Balance, state: &State, (design, beta): (&Design, &[f64]), 
     let left = residual(balance, (&state.base.gram, design, beta));
     let [Some(motor), Some(stage)] = &left.sides else { return Port::Stage };
     let plan = &balance.plan;
-    let low_hz = Criteria::STANDARD.floor_band[0] * balance.signals.top_hz();
+    let [low_hz, _] = plan.floor_hz();
     let nats = |port: &Port| -> f64 {
         let mut gained = vec![0.0; floor.len()];
         let mut bins = vec![Vec::new(); floor.len() * plan.bands()];

@@ -23,6 +23,7 @@ use std::f64::consts::TAU;
 const PATH_PARTS: usize = 12;
 /// Lengths of a kernel that a recording holds at least.
 const KERNELS: f64 = 30.0;
+
 /// How many balances there are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::diagnosis) enum Layout {
@@ -474,7 +475,7 @@ struct Read {
 
 impl Read {
     fn noise_m2(&self, rate_hz: f64) -> f64 {
-        variance_m2(&self.x_m, rate_hz, Criteria::STANDARD.moving)
+        variance_m2(&self.x_m, rate_hz)
     }
 }
 
@@ -505,9 +506,7 @@ fn stage_is_finer(axis: &AxisModel, recordings: &[Recording]) -> bool {
         };
         let rate_hz = r.sample_rate.hz();
         // One that never changes is of what is held.
-        span(stage) > 0.0
-            && 4.0 * variance_m2(stage, rate_hz, Criteria::STANDARD.moving)
-                < variance_m2(&motor, rate_hz, Criteria::STANDARD.moving)
+        span(stage) > 0.0 && 4.0 * variance_m2(stage, rate_hz) < variance_m2(&motor, rate_hz)
     })
 }
 
@@ -519,7 +518,7 @@ fn clean_band_hz(axis: &AxisModel, recording: &Recording, (mass_kg, noise_m2): (
     let Ok(thrust) = thrust(axis, recording) else { return f64::INFINITY };
     let mean = thrust.reference_n.iter().sum::<f64>() / thrust.reference_n.len().max(1) as f64;
     let about: Vec<f64> = thrust.reference_n.iter().map(|f| f - mean).collect();
-    let allowed_n = Criteria::STANDARD.position_noise * rms(&about);
+    let allowed_n = Criteria::STANDARD.repeatability * rms(&about);
     let per_hz = mass_kg * noise_m2.sqrt() * TAU * TAU * (0.4 / rate_hz).sqrt();
     let least_hz = KERNELS * rate_hz / recording.len().max(1) as f64;
     (allowed_n / per_hz.max(1e-300)).powf(0.4).max(least_hz)
@@ -533,10 +532,12 @@ fn stage_behind(axis: &AxisModel, recordings: &[Recording]) -> Option<Spring> {
     if k > 0.0 { Some(stated) } else { spring(axis, recordings) }
 }
 
+/// At w the stage of an axis that is taken as one mass lags by (w / swing)^2 of its inertia: by the tolerance
+/// of a mass at most.
 fn band_hz((layout, rate_hz): (Layout, f64), one_mass: Option<Spring>) -> f64 {
     let c = &Criteria::STANDARD;
     let widest = (c.band_share[usize::from(layout != Layout::TwoPositions)] * rate_hz).min(c.band_hz);
-    one_mass.map_or(widest, |s| widest.min(c.rigid_share * s.swing_rad2_s2.sqrt() / TAU))
+    one_mass.map_or(widest, |s| widest.min((c.mass_tolerance * s.swing_rad2_s2).sqrt() / TAU))
 }
 
 /// A series through a kernel where that has all of its length, else as in `ends`.

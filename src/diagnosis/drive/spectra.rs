@@ -60,6 +60,7 @@ pub(super) struct Plan {
     window: Vec<f64>,
     /// Bins of each band, from and to.
     bands: Vec<[usize; 2]>,
+    top_hz: f64,
     /// Width of a bin, Hz.
     pub(super) bin_hz: f64,
     /// One noise level over all bands instead of one a band.
@@ -108,6 +109,7 @@ impl Plan {
             block,
             window: (0..block).map(|k| (PI * (k as f64 + 0.5) / block as f64).sin()).collect(),
             bands,
+            top_hz,
             bin_hz,
             white,
             cells,
@@ -128,6 +130,11 @@ impl Plan {
     /// A band in Hz.
     pub(super) fn band_hz(&self, band: usize) -> [f64; 2] {
         self.bands[band].map(|k| (k as f64 - 0.5).max(0.0) * self.bin_hz)
+    }
+
+    /// The band that the floor of two positions is read off in, an octave: below it the floor is flat.
+    pub(super) fn floor_hz(&self) -> [f64; 2] {
+        [EDGES[7], EDGES[8]].map(|edge| edge * self.top_hz / EDGES[EDGES.len() - 1])
     }
 
     /// Frequency of a value of a cell of a band, Hz.

@@ -197,30 +197,22 @@ fn cuts(balance: &Balance, left: &Column) -> Vec<Hypothesis> {
         if bins < 32 {
             continue;
         }
-        let (mut sums, mut alone) = (vec![0.0; bins], vec![0.0; bins]);
+        let mut sums = vec![0.0; bins];
         for (_, power) in &blocks {
             let floor = sliding_median(power, 12);
             let ratios: Vec<f64> = power.iter().zip(&floor).map(|(p, f)| p / f.max(1e-300)).collect();
             for k in 3..bins {
                 let of = |h: usize| ratios.get(h * k).map_or(0.0, |r| (r - 1.0).clamp(0.0, 200.0));
                 sums[k] += (1..=SEARCHED_HARMONICS).map(of).sum::<f64>() / blocks.len() as f64;
-                alone[k] += of(1) / blocks.len() as f64;
             }
         }
         let mut order: Vec<usize> = (4..bins - 1).collect();
         order.sort_by(|a, b| sums[*b].total_cmp(&sums[*a]));
-        best.extend(order.into_iter().take(2).map(|k| (sums[k], first_line(&alone, k) as f64 * bin_hz, r)));
+        best.extend(order.into_iter().take(2).map(|k| (sums[k], k as f64 * bin_hz, r)));
     }
     best.sort_by(|a, b| b.0.total_cmp(&a.0));
     best.truncate(2);
     best.into_iter().filter_map(|(_, hz, r)| cut_at(balance, &series[r], (hz, r))).collect()
-}
-
-/// The first of a line's harmonics that is there itself: what repeats after a period does so after two.
-fn first_line(alone: &[f64], k: usize) -> usize {
-    let of = |h: usize| alone.get(h * k).copied().unwrap_or(0.0);
-    let strongest = (1..=SEARCHED_HARMONICS).map(of).fold(0.0, f64::max);
-    k * (1..=SEARCHED_HARMONICS).find(|h| of(*h) >= Criteria::STANDARD.line_share * strongest).unwrap_or(1)
 }
 
 /// The line near `hz` in one recording, where its envelope is above half of its plateau.

@@ -100,7 +100,7 @@ impl Law for Map {
         let abscissa = signals.each(|t| match self.over {
             Over::Position => t.thin.position.clone(),
             Over::Speed => t.thin.velocity[side].iter().map(|v| v.abs()).collect(),
-            Over::Way => since_reversal(&t.thin.position),
+            Over::Way => since_reversal(&t.thin.position, signals.least_way_m(side)),
         });
         let ends = |e: [f64; 2], v: &f64| [e[0].min(*v), e[1].max(*v)];
         let [low, high] = abscissa.iter().flatten().fold([f64::INFINITY, f64::NEG_INFINITY], ends);
@@ -132,10 +132,8 @@ impl Law for Map {
     }
 }
 
-/// Way since the axis last turned round.
-fn since_reversal(x: &[f64]) -> Vec<f64> {
-    let [low, high] = x.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |e, v| [e[0].min(*v), e[1].max(*v)]);
-    let turned = Criteria::STANDARD.reversal * (high - low);
+/// Way since the axis last turned round; a way back of no more than `turned` is none.
+fn since_reversal(x: &[f64], turned: f64) -> Vec<f64> {
     let (mut from, mut end, mut sign) = (x.first().copied().unwrap_or(0.0), 0.0, 0.0_f64);
     let mut out = Vec::with_capacity(x.len());
     for v in x {

@@ -5,8 +5,8 @@ use crate::diagnosis::result::Estimate;
 use crate::plant::effects::periodic::amplitude_phase;
 use crate::plant::effects::{PHASE, Parameter};
 
-/// Logarithms of intervals end here: the data say nothing.
-const MOST_DOUBT: f64 = 6.9;
+/// Intervals end at this many times a value: the data say nothing.
+const MOST_DOUBT: f64 = 1e3;
 
 /// Deviations of a law's amplitudes and of the logarithms of its constants.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -61,7 +61,7 @@ pub(crate) struct Sheet {
 
 impl Sheet {
     pub(crate) fn add(&mut self, p: &Parameter, value: f64, deviation: f64) {
-        let half = (Z95 * deviation).min(1e3 * value.abs()).max(1e-12 * value.abs());
+        let half = (Z95 * deviation).min(MOST_DOUBT * value.abs()).max(1e-12 * value.abs());
         self.list.push(Estimate::within(p, value, half));
     }
 
@@ -80,7 +80,7 @@ impl Sheet {
 
     /// A constant of a law that is evaluated between samples, by its logarithm.
     pub(crate) fn constant(&mut self, p: &Parameter, value: f64, relative: f64) {
-        let half = (Z95 * relative.hypot(Criteria::STANDARD.exactness)).min(MOST_DOUBT);
+        let half = (Z95 * relative.hypot(Criteria::STANDARD.exactness)).min(MOST_DOUBT.ln());
         let ci95 = [value * (-half).exp(), value * half.exp()];
         self.list.push(Estimate { ci95, ..Estimate::within(p, value, 0.0) });
     }
