@@ -95,8 +95,8 @@ impl Window<'_> {
     }
 
     /// Against noise through a damped mode, over its threshold: noise of damping sigma has 1 + sigma T
-    /// independent values. And louder than the noise of a stable cut. The second: whether it is too loud to
-    /// be learned as noise.
+    /// independent values. And louder than the noise of a stable cut, and growing: one does not tell of the
+    /// other. The second: whether it is too loud to be learned as noise.
     fn mode_nats(&self, beside: &Near) -> (f64, bool) {
         let Context { learning, entries_known, cuts, no_model, stable_n2, rate_hz, .. } = *self.context;
         if !learning && entries_known && self.which + 1 != WINDOWS.len() {
@@ -104,13 +104,26 @@ impl Window<'_> {
         }
         let loud = if learning { loudness_nats(self.line.power_n2, stable_n2) } else { 0.0 };
         let levels = &self.context.levels;
+        let grows = learning && entries_known && self.growth_nats() > levels.switched_nats;
+        let rises = if grows { self.rise_nats() } else { 0.0 };
         let nats = match (entries_known, learning) {
             (true, true) if cuts => levels.cause_nats,
             (true, false) => levels.mode_nats,
             _ => levels.entry_unknown_nats,
         };
         let times = 1.0 + RATES_1_S[0] * self.e.len() as f64 / rate_hz;
-        ((times * beside.coherence() + loud) / nats, no_model && 2.0 * loud > 1.0)
+        ((times * beside.coherence() + loud + rises) / nats, no_model && 2.0 * loud > 1.0)
+    }
+
+    /// Evidence, nats, that the line grew within the window, and not all that begins with a cut: the powers
+    /// of noise in its halves are exponential, and one is x times the other with a probability of 1/(1 + x).
+    fn rise_nats(&self) -> f64 {
+        let over_rest = |e: &[C]| {
+            let (line, all) = (fit(e, self.turns(), 0.0), e.iter().map(C::norm_sqr).sum::<f64>());
+            line.max(f64::MIN_POSITIVE) / (all - line).max(1e-6 * all)
+        };
+        let (first, last) = self.e.split_at(self.e.len() / 2);
+        (1.0 + over_rest(last) / over_rest(first)).ln()
     }
 
     /// Where nothing is known a line may have stood in air too: then it is not the cut's, unless no stable
