@@ -1,6 +1,6 @@
 //! Every number that decides whether there is chatter, with where it comes from.
 
-/// Values of the whitening model's memory, and so on: see the fields.
+/// Thresholds of the detector, in nats, shares, seconds and hertz.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Criteria {
     /// Rate of the complex band, Hz: 2 ms a value hold a band of 350 Hz.
@@ -37,7 +37,8 @@ pub(super) struct Criteria {
     /// Silence before the end, and memory of what is usual in an alarm, s.
     pub(super) end_s: f64,
     pub(super) usual_s: f64,
-    /// Power of all the band over what is known that is another cut.
+    /// Ratio from which two powers are not the same: of all the band, known and heard, or of a line, before
+    /// and now.
     pub(super) louder: f64,
     /// Mean over the rms of all vibration from which a tool is in the cut though none was seen to enter.
     pub(super) over_whole: f64,

@@ -53,8 +53,10 @@ criteria! {
     /// Deviations over those by the curvature of L, at least: half-overlapping blocks, leakage between bins,
     /// noise that is not flat within a band.
     serial: f64 = 1.5,
-    /// A number is wrong beyond this many of its statement's own tolerances and of its deviations.
-    contradicted: f64 = 3.0,
+    /// A number is wrong beyond this many of its statement's own tolerances ...
+    correction_tolerances: f64 = 3.0,
+    /// ... and of its deviations.
+    correction_deviations: f64 = 4.0,
     /// Tolerance of stated masses and stiffness, as a share: what an identification by a sweep repeats to.
     mass_tolerance: f64 = 0.02,
     /// The same of dampings.
@@ -74,6 +76,8 @@ criteria! {
     undetermined: f64 = 0.5,
     /// Evidence that halves the odds, over the level: chance is known no better.
     temper_share: f64 = 0.1,
+    /// Found over stated from which on a step of an encoder is a coarser one: noise makes half of it.
+    coarser_step: f64 = 2.0,
     /// A force over what its motion needs from which on it moves nothing.
     idle: f64 = 3.0,
     /// Mains keep their frequency within so much of it.
@@ -92,6 +96,8 @@ criteria! {
     excess_share: f64 = 0.95,
     /// Power of a block over the median of its recording that is told as a time of the mismatch.
     loud: f64 = 3.0,
+    /// A constant this near to a bound is at it, as a share.
+    at_bound: f64 = 0.02,
     /// A stated step of an encoder is right if the found one is below this many times it.
     other_step: f64 = 1.3,
     /// Share of the differences of a position that lie on the grid of its step.

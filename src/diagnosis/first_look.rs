@@ -12,7 +12,8 @@ use crate::signal::inner_products::dot;
 
 /// Blocks that are averaged, s.
 const BLOCK_S: f64 = 0.01;
-
+/// Fewest blocks that say something.
+const LEAST_BLOCKS: usize = 16;
 /// Refuses recordings of which nothing can be told. A recording without the columns has its own error later.
 /// The answer: which of them the axis stands in.
 ///
@@ -30,7 +31,7 @@ pub(super) fn check(
         let recordings: Vec<&str> = recordings.iter().map(|r| r.experiment.as_str()).collect();
         return Err(DiagnoseError::Standing { axis: axis.name.clone(), recordings: recordings.join(", ") });
     }
-    looks.iter().flatten().try_for_each(|look| {
+    looks.iter().flatten().filter(|l| l.motor_m.len() >= LEAST_BLOCKS).try_for_each(|look| {
         look.check_travel()?;
         look.check_sign()
     })?;

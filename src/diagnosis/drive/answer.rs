@@ -357,7 +357,7 @@ impl Case<'_> {
     }
 
     fn encoder_step(&self, port: Port) -> Option<Found> {
-        let (axis, coarser) = (self.axis, Criteria::STANDARD.other_step);
+        let (axis, coarser) = (self.axis, Criteria::STANDARD.coarser_step);
         let raw = axis.drive.raw();
         // Without a stated step there is nothing to be coarser than.
         match port {

@@ -83,7 +83,8 @@ impl Case<'_> {
 pub(super) fn is_other_size(scale: f64, deviation: f64) -> bool {
     let c = &Criteria::STANDARD;
     // A law is stated half as well as dry friction.
-    (scale - 1.0).abs() > c.contradicted * deviation.max(2.0 * c.repeatability)
+    let apart = 2.0 * c.correction_tolerances * c.repeatability;
+    (scale - 1.0).abs() > apart.max(c.correction_deviations * deviation)
 }
 
 /// Parameters that the size of an effect is in.

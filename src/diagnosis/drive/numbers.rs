@@ -261,13 +261,15 @@ pub(super) fn corrections(
     let all = beside(balance, state, doubt);
     let scale = scale_deviation(balance);
     let common = common_scale(balance, &all);
-    let of_constant = common.abs() > c.contradicted * c.mass_tolerance;
+    let of_constant = common.abs() > c.correction_tolerances * c.mass_tolerance;
     let off = if of_constant { common } else { 0.0 };
     let mut list = Vec::new();
     for n in all.iter().filter(|n| n.nominal > 0.0 && n.value > 0.0) {
         let value = n.value * (-off).exp();
         let apart = ((value + n.other) / (n.nominal + n.other)).ln().abs();
-        if apart > c.contradicted * n.tolerance.max(n.deviation / (n.value + n.other)) {
+        if apart > c.correction_tolerances * n.tolerance
+            && apart > c.correction_deviations * n.deviation / (n.value + n.other)
+        {
             let half = Z95 * n.deviation.hypot(scale * (value + n.other));
             list.push(Correction::within(n.key, n.nominal, value, half));
         }

@@ -377,14 +377,15 @@ impl Hypothesis {
         own.law_mut().constants().len()
     }
 
-    /// True where a constant is held at a bound: then it is none.
+    /// True where a constant is at a bound, to 2 %: then it is none.
     pub(crate) fn is_at_bound(&self) -> bool {
-        let is_held = |c: &Free<'_>| {
+        let near = Criteria::STANDARD.at_bound;
+        let is_near = |c: &Free<'_>| {
             let [low, high] = c.parameter.bounds;
-            *c.value <= low || *c.value >= high
+            *c.value < low * (1.0 + near) || *c.value > high * (1.0 - near)
         };
         let mut own = self.shape;
-        own.law_mut().constants().iter().any(is_held)
+        own.law_mut().constants().iter().any(is_near)
     }
 
     /// The same with every constant moved by a step of its logarithm, within its bounds.
