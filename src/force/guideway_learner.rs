@@ -235,8 +235,8 @@ impl Stretch {
         }
     }
 
-    /// Sum of squares of b - F h_k that a constant and what is left of the memory do not explain, N^2. The law
-    /// began from a share between -1 and 1, and so did the guideway: the memory is at most 2 F.
+    /// Sum of squares of b - F h_k that a constant and what is left of the memory do not explain, N^2. The
+    /// law began from a share between -1 and 1, and so did the guideway: the memory is at most 2 F.
     /// A cut that pushes slowly needs more. Checked by: `a_slow_push_tells_no_travel`.
     fn rest_n2(&self, k: usize, friction_n: f64) -> f64 {
         let n = f64::from(self.count);
