@@ -24,7 +24,7 @@ use crate::transport::wire::{
     ServoBatch, ServoPoint, TURRET_REACHED, TURRET_REFUSED, TurretStatus, axis_name_bytes,
 };
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
 const AXES: [&str; 4] = ["x1", "y1", "x2", "y2"];
@@ -55,12 +55,22 @@ fn config() -> ServiceConfig {
     config
 }
 
+/// What the transport keeps of a domain in shared memory outlives it.
+impl Drop for Bench {
+    fn drop(&mut self) {
+        self.engine.setup.domain.remove();
+    }
+}
+
 fn bench() -> Bench {
     bench_of(config())
 }
 
 fn bench_of(config: ServiceConfig) -> Bench {
+    static BENCHES: AtomicU32 = AtomicU32::new(0);
     let folder = tempfile::tempdir().unwrap();
+    // One prefix each: benches run side by side, and names in shared memory are told apart by it alone.
+    let prefix = format!("checks{}n{}", std::process::id(), BENCHES.fetch_add(1, Ordering::Relaxed));
     let (reports, reported) = tokio::sync::mpsc::channel(1);
     let (control, controls) = tokio::sync::mpsc::channel(1);
     let (recorder, jobs) = std::sync::mpsc::sync_channel(4);
@@ -69,7 +79,7 @@ fn bench_of(config: ServiceConfig) -> Bench {
     let engine = Engine::new(Setup {
         config: Arc::new(config),
         config_hash: String::new(),
-        domain: Domain::new("checks", folder.path()).unwrap(),
+        domain: Domain::new(&prefix, folder.path()).unwrap(),
         epoch: 1,
         reports,
         controls,
