@@ -3,6 +3,7 @@
 //!
 //! Every method of the thesis is linear in aligned motion, so one row of factors is the method.
 
+use super::guideway::GuidewayTravel;
 use super::modal::ModalBalance;
 use super::response::Chain;
 use crate::plant::drive::{DriveParams, Structure};
@@ -111,6 +112,11 @@ pub struct ForceBalance {
 }
 
 impl ForceBalance {
+    /// Without the guideway's friction where its travel is learned: that is taken off beyond the balance.
+    pub(super) fn before_friction_learned(self, travel: GuidewayTravel) -> Self {
+        Self { stage_friction_n: travel.in_balance_n(self.stage_friction_n), ..self }
+    }
+
     /// The balance of a method for a drive. On a rigid axis everything that moves is one mass and the
     /// methods but `thrust` are one.
     ///

@@ -41,17 +41,37 @@ impl GuidewayTravel {
         }
     }
 
-    /// In words, for files.
+    /// Friction of a balance that turns over a travel that is stated; what is learned is taken off beyond the
+    /// balance. Friction that is given back is no guideway's and stays in it.
+    pub(super) fn in_balance_n(&self, friction_n: f64) -> f64 {
+        match self {
+            Self::Stated(_) => friction_n,
+            Self::Learned(_) => friction_n.min(0.0),
+        }
+    }
+
+    /// The travel, where it is stated or was learned, m.
+    #[must_use]
+    pub fn known_m(&self) -> Option<f64> {
+        let known = !matches!(self, Self::Learned(evidence) if !evidence.is_known());
+        known.then(|| self.travel_m())
+    }
+
+    /// Least and most that it can be, m.
+    pub(super) fn bounds_m(&self) -> [f64; 2] {
+        let [least_m, .., most_m] = TRAVELS_M;
+        self.known_m().map_or([least_m, most_m], |travel_m| [travel_m; 2])
+    }
+
+    /// Where it comes from, for files.
     #[must_use]
     pub fn describe(&self) -> String {
         match self {
-            Self::Stated(travel_m) => format!("{travel_m:.2e} (stated by the model)"),
-            Self::Learned(evidence) if evidence.is_known() => {
-                format!("{:.2e} (learned)", self.travel_m())
-            }
+            Self::Stated(_) => "stated by the model".to_owned(),
+            Self::Learned(evidence) if evidence.is_known() => "learned from motion".to_owned(),
             Self::Learned(_) => {
-                let [least, .., most] = TRAVELS_M;
-                format!("not known, {least:.2e} to {most:.2e}: neither stated nor learned")
+                let [least_m, most_m] = self.bounds_m();
+                format!("not known, {least_m:.0e} to {most_m:.1e} m: neither stated nor learned")
             }
         }
     }

@@ -6,7 +6,7 @@
 //!  h_k: Dahl's law for each travel d_k of a series, F: Coulomb friction of the model
 //!  means of 50 ms, in stretches of half a second: b - F h_k = c + s m_k + rest_k
 //!  m_k = exp(-way / d_k): what is left of a memory of friction that nobody saw arise
-//!  where the least rest is below a tenth of the variance of b:  l_k -= n/2 ln(rest_k / least rest)
+//!  where the least rest is below a tenth of the variance of b:  l_k = 0.95 l_k - n/2 ln(rest_k / least rest)
 //!  w_k = exp(l_k) / sum,  friction = F sum w_k h_k
 //! ```
 //! Who drives a standing axis shows in the sign: moved by its own drive, b rises with x by the friction;
@@ -23,10 +23,19 @@ use super::band::TOLERATED;
 use super::estimator::{AxisSignals, Signals, Underway};
 use super::guideway::{Each, Evidence, GuidewayTravel, TRAVELS_M};
 use super::stiffness::stretch_balance;
-use super::stiffness_learner::{HIGH_PASS_HZ, LEAST_S};
 use super::validity::Validity;
 use crate::plant::drive::Structure;
 use crate::signal::dispatch::{Fast, Kernel, multiply_add, run};
+
+/// Mean over this long, s: reversals of an idle axis take some 0.2 s, an encoder's steps average out.
+const BLOCK_S: f64 = 0.05;
+/// Blocks of one balance.
+const BLOCKS: u32 = 10;
+/// Share of the variance that a law may leave over where it explains the stretch.
+const UNEXPLAINED: f64 = 0.1;
+/// What a stretch leaves of the evidence before it: friction changes with warmth and oil within minutes, and
+/// a stretch that was wrong is outvoted.
+const KEPT: f64 = 0.95;
 
 /// Design; immutable.
 #[derive(Debug, Clone, PartialEq)]
@@ -43,11 +52,10 @@ pub(super) struct Guideway {
     before: Evidence,
     samples: u32,
     period_s: f64,
-    blocks: u32,
     fast: Fast,
 }
 
-/// Means of 50 ms in the making.
+/// Means of [`BLOCK_S`] in the making.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 struct Block {
     count: u32,
@@ -58,6 +66,8 @@ struct Block {
     doubt: f64,
     /// Velocity at its beginning, m/s.
     velocity_m_s: f64,
+    /// The signals were whole from the sample before it on.
+    whole: bool,
 }
 
 /// Sums and sums of products of one stretch: b less its first, h_k and m_k.
@@ -89,7 +99,7 @@ pub(super) struct GuidewayState {
     unknown: bool,
 }
 
-crate::keyframe::keep!(Block { count, force_n, share, memory, doubt, velocity_m_s });
+crate::keyframe::keep!(Block { count, force_n, share, memory, doubt, velocity_m_s, whole });
 crate::keyframe::keep!(Stretch { count, first_n, b, bb, h, hh, bh, m, mm, bm, hm });
 crate::keyframe::keep!(GuidewayState {
     position_m,
@@ -106,6 +116,7 @@ impl GuidewayState {
     /// The same with what was learned before.
     pub(super) fn with(mut self, evidence: Evidence) -> Self {
         self.weights = evidence.weights();
+        self.unknown = !evidence.is_known();
         self.evidence = evidence;
         self
     }
@@ -127,9 +138,8 @@ impl Guideway {
         let stretch = stretch_balance(drive).motor;
         let stage = [-drive.translational_damping_n_s_m(), -drive.movable_mass_kg()];
         let step_m = drive.motor_encoder_resolution_m().max(drive.stage_encoder_resolution_m());
-        let samples = rate.hz() / (4.0 * HIGH_PASS_HZ);
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "parts of a second")]
-        let count = |x: f64| x.round().max(1.0) as u32;
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "part of a second")]
+        let samples = (BLOCK_S * rate.hz()).round().max(1.0) as u32;
         Some(Self {
             friction_n: balance.stage_friction_n,
             play_m: drive.stage_encoder_resolution_m(),
@@ -138,9 +148,8 @@ impl Guideway {
             estimate: if both { 0.0 } else { 1.0 },
             step_n2: (stretch.position_n_m * step_m).powi(2) / 12.0,
             before,
-            samples: count(samples),
+            samples,
             period_s: rate.period_s(),
-            blocks: count(LEAST_S * 4.0 * HIGH_PASS_HZ),
             fast: Fast::detect(),
         })
     }
@@ -155,7 +164,7 @@ impl Guideway {
             evidence: self.before,
             block: Block::default(),
             stretch: Stretch::default(),
-            unknown: false,
+            unknown: !self.before.is_known(),
         }
     }
 
@@ -171,29 +180,29 @@ impl Guideway {
             + self.stretch[1] * (motion.motor_velocity_m_s - velocity_m_s);
         state.block.force_n += stretch_n + self.stage[0] * velocity_m_s + self.estimate * now.force_n;
         state.block.count += 1;
-        if !learn {
-            state.stretch = Stretch::default();
-        }
+        state.block.whole &= learn;
         if state.block.count >= self.samples {
-            self.end_block(state, velocity_m_s, learn);
+            self.end_block(state, velocity_m_s);
+            state.block.whole = learn;
         }
         let flag = Validity::when(state.unknown, Validity::FRICTION_TRAVEL_UNKNOWN);
         (self.friction_n * share, flag)
     }
 
-    fn end_block(&self, state: &mut GuidewayState, velocity_m_s: f64, learn: bool) {
+    fn end_block(&self, state: &mut GuidewayState, velocity_m_s: f64) {
         let block = state.block;
         state.block = Block { velocity_m_s, ..Block::default() };
         let part = 1.0 / f64::from(block.count);
         // The level of friction is known to a tenth.
         state.unknown = (block.doubt * part).max(0.0).sqrt() > TOLERATED;
-        if !learn {
+        if !block.whole {
+            state.stretch = Stretch::default();
             return;
         }
         let accel_m_s2 = (velocity_m_s - block.velocity_m_s) * part / self.period_s;
         let force_n = block.force_n * part + self.stage[1] * accel_m_s2;
         state.stretch.add(force_n, block.share.map(|h| h * part), block.memory.map(|m| m * part));
-        if state.stretch.count >= self.blocks {
+        if state.stretch.count >= BLOCKS {
             self.learn(state);
             state.stretch = Stretch::default();
             state.memory = [1.0; 8];
@@ -206,9 +215,9 @@ impl Guideway {
         let least_n2 = n * self.step_n2 + f64::MIN_POSITIVE;
         let rest_n2: Each = std::array::from_fn(|k| sums.rest_n2(k, self.friction_n).max(least_n2));
         let best_n2 = rest_n2.into_iter().fold(f64::INFINITY, f64::min);
-        if best_n2 < TOLERATED * (sums.bb - sums.b * sums.b / n) {
+        if best_n2 < UNEXPLAINED * (sums.bb - sums.b * sums.b / n) {
             let evidence = state.evidence.log_likelihood.iter_mut().zip(rest_n2);
-            evidence.for_each(|(l, rest_n2)| *l -= 0.5 * n * (rest_n2 / best_n2).ln());
+            evidence.for_each(|(l, rest_n2)| *l = KEPT * *l - 0.5 * n * (rest_n2 / best_n2).ln());
             state.weights = state.evidence.weights();
         }
     }
@@ -311,7 +320,7 @@ mod tests {
             }
             let all_n2 = pushed.bb - pushed.b * pushed.b / f64::from(pushed.count);
             for k in 0..TRAVELS_M.len() {
-                assert!(pushed.rest_n2(k, friction_n) > TOLERATED * all_n2, "{way_m} m, travel {k}");
+                assert!(pushed.rest_n2(k, friction_n) > UNEXPLAINED * all_n2, "{way_m} m, travel {k}");
             }
         }
     }

@@ -9,7 +9,6 @@ use super::balance::{ForceBalance, Method};
 use super::closed_loop::ClosedLoop;
 use super::estimator::{AlignedMotion, AxisSignals, ForceError, ForceSettings, MotionSample, Signals};
 use super::friction::{Presliding, PreslidingState};
-use super::guideway::GuidewayTravel;
 use super::signals::measured_balance;
 use super::validity::Validity;
 use crate::signal::harmonic_fit::{
@@ -163,16 +162,6 @@ struct Windows {
     line_noise_n: f64,
 }
 
-/// Friction whose travel is learned is taken off beyond the window.
-fn without_learned_friction(balance: ForceBalance, settings: &ForceSettings) -> ForceBalance {
-    match settings.guideway {
-        GuidewayTravel::Stated(_) => balance,
-        GuidewayTravel::Learned(_) => {
-            ForceBalance { stage_friction_n: balance.stage_friction_n.min(0.0), ..balance }
-        }
-    }
-}
-
 #[derive(Debug, Clone, PartialEq)]
 struct Fitted {
     balance: ForceBalance,
@@ -230,8 +219,8 @@ impl Fitted {
 struct Spectral {
     closed_loop: ClosedLoop,
     friction_n: f64,
-    /// Travel within which a guideway holds instead of sliding.
-    presliding_travel_m: f64,
+    /// Least and most travel within which the guideway holds instead of sliding.
+    presliding_travel_m: [f64; 2],
     uses_stage: bool,
     rate_hz: f64,
 }
@@ -295,11 +284,17 @@ impl Spectral {
             return with(force_n, Validity::when(fastest_m_s > speed_m_s, Validity::EXTRAPOLATED));
         }
         // Friction is known to a tenth: what shows beyond it by less cannot be told from it.
-        let holds = travel_m < self.presliding_travel_m || amplitude_n < 0.1 * self.friction_n;
+        let [least_m, most_m] = self.presliding_travel_m;
+        let unsure = Validity::when(
+            self.friction_n > 0.0 && (least_m..most_m).contains(&travel_m),
+            Validity::FRICTION_TRAVEL_UNKNOWN,
+        );
+        let holds = travel_m < least_m || amplitude_n < 0.1 * self.friction_n;
         if self.friction_n > 0.0 && holds {
             return with(0.0, Validity::BELOW_FRICTION);
         }
-        with(force_n * (1.0 + self.friction_n / amplitude_n.max(f64::MIN_POSITIVE)), Validity::EXTRAPOLATED)
+        let beyond = 1.0 + self.friction_n / amplitude_n.max(f64::MIN_POSITIVE);
+        with(force_n * beyond, Validity::EXTRAPOLATED | unsure)
     }
 }
 
@@ -371,7 +366,7 @@ impl HarmonicEstimator {
         let need = |needs| ForceError::Structure { method: method.name(), needs };
         let kind = match method {
             Method::Fitted => Kind::Fitted(Fitted {
-                balance: without_learned_friction(measured_balance(method, axis)?, settings),
+                balance: measured_balance(method, axis)?.before_friction_learned(settings.guideway),
                 alignment: Alignment::new(axis.drive, axis.rate, 0.0)?,
                 presliding: Presliding::new(
                     settings.guideway.travel_m(),
@@ -384,7 +379,7 @@ impl HarmonicEstimator {
                     settings.controller.ok_or(need("[axes.<axis>.controller]"))?,
                 ),
                 friction_n: settings.friction_bound_n(axis.drive),
-                presliding_travel_m: settings.guideway.travel_m(),
+                presliding_travel_m: settings.guideway.bounds_m(),
                 uses_stage: axis.signals != Signals::MotorOnly,
                 rate_hz: axis.rate.hz(),
             }),

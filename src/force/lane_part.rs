@@ -4,7 +4,6 @@ use super::above_band::AboveBand;
 use super::alignment::Alignment;
 use super::balance::{ForceBalance, Method};
 use super::friction::Presliding;
-use super::guideway::GuidewayTravel;
 use super::physics::PhysicsModel;
 use super::settings::{Filter, ForceSettings};
 use super::signals::{AxisSignals, Signals, encoder_lines_1_m};
@@ -107,11 +106,7 @@ pub(super) fn lane_part(
         thrust: balance.thrust,
         rest: [balance.thrust, rest[0], rest[1], rest[2]],
         motor_friction_n: balance.motor_friction_n,
-        // One that is learned is taken off beyond the lane.
-        stage_friction_n: match settings.guideway {
-            GuidewayTravel::Stated(_) => balance.stage_friction_n,
-            GuidewayTravel::Learned(_) => balance.stage_friction_n.min(0.0),
-        },
+        stage_friction_n: settings.guideway.in_balance_n(balance.stage_friction_n),
         smoothing_m_s: drive.friction_smoothing_m_s(),
         presliding: Presliding::new(settings.guideway.travel_m(), drive.stage_encoder_resolution_m()),
         by_motor: axis.signals == Signals::MotorOnly,

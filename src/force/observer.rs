@@ -8,6 +8,7 @@ use super::estimator::{
     AxisSignals, ForceError, ForceEstimate, ForceEstimator, ForceSettings, MotionSample, Signals,
 };
 use super::frf::FrfEstimator;
+use super::guideway::GuidewayTravel;
 use super::harmonic::HarmonicSettings;
 use super::idle_map::IdleMap;
 use super::observers::{AxisObserver, Observers};
@@ -100,6 +101,9 @@ impl ServoPlan {
     /// Learns the travel over which the guideway's friction turns from whole runs, where the model does not
     /// state it. Errors: as [`Observer::new`].
     pub fn learn_travel(&mut self, rate: SampleRate, runs: &[&[MotionSample]]) -> Result<(), ForceError> {
+        if let GuidewayTravel::Stated(_) = self.settings.guideway {
+            return Ok(());
+        }
         // Methods share the guideway; windows and maps have no part in it.
         let both = matches!(self.signals, Signals::Both | Signals::Three);
         let method = if both { Method::Medob } else { self.method };

@@ -26,7 +26,10 @@ pub(super) fn describe(
         || "not known: the model states no encoder steps, or no controller to carry them".to_owned();
     note("noise_floor_n", if floor_n > 0.0 { format!("{floor_n:.4}") } else { unknown() });
     if let Some(travel) = observer.guideway_travel() {
-        note("guideway_travel_m", travel.describe());
+        note("guideway_travel", travel.describe());
+        if let Some(travel_m) = travel.known_m() {
+            note("guideway_travel_m", format!("{travel_m:.2e}"));
+        }
     }
     if let Some(condition) = observer.properties().condition {
         note("condition", format!("{condition:.3e}"));
