@@ -1,4 +1,5 @@
-//! Cost per sample of the pipeline (1 and 6 axes, 201 bins) and real-time factor of the virtual lathe.
+//! Cost per sample of the pipeline (1 and 6 axes, 201 bins), how much of it is the force estimators and how much
+//! what listens to them, and real-time factor of the virtual lathe.
 //!
 //! `cargo bench --bench pipeline`. Medians over rounds, cases in turn inside each round; on a shared machine
 //! compare the figures of one run.
@@ -15,7 +16,9 @@ use stillcut::chatter::Band;
 use stillcut::config::machine::read_machine;
 use stillcut::force::balance::Method;
 use stillcut::force::estimator::{ForceSettings, Signals};
-use stillcut::pipeline::{AxisPlan, BandPlan, ForcePlan, Pipeline, PipelineSettings, ServoPlan};
+use stillcut::pipeline::{
+    AxisPlan, BandPlan, CutConditions, ForcePlan, Pipeline, PipelineSettings, ServoPlan,
+};
 use stillcut::plant::drive::DriveParams;
 use stillcut::plant::scenario::Scenario;
 use stillcut::sample::ServoSample;
@@ -70,12 +73,21 @@ fn stream(rate_hz: f64) -> Vec<ServoSample> {
     samples
 }
 
+/// What a sample tells of the cut.
+fn conditions(sample: &ServoSample) -> CutConditions {
+    CutConditions {
+        spindle_speed_rpm: Some(sample.spindle_speed_rpm),
+        pitch_difference_rad: sample.pitch_difference_rad,
+        ..CutConditions::default()
+    }
+}
+
 fn main() {
     let machine =
         read_machine(&Path::new(env!("CARGO_MANIFEST_DIR")).join("config/turrets.toml")).expect("model");
     let drive = machine.axis("x1").expect("axis").drive.clone();
     let cases: Vec<(usize, f64)> = vec![(1, 9000.0), (6, 9000.0), (6, 20_000.0)];
-    let mut times = vec![Vec::new(); cases.len()];
+    let mut times = vec![[Vec::new(), Vec::new()]; cases.len()];
     let mut lathe_factor = Vec::new();
     let mut ruler = Vec::new();
     for _ in 0..ROUNDS {
@@ -87,11 +99,21 @@ fn main() {
             for sample in &samples[..half] {
                 black_box(pipeline.step(sample));
             }
+            let mut listening = pipeline.clone();
+            let ns = |began: Instant| began.elapsed().as_secs_f64() * 1e9 / (samples.len() - half) as f64;
             let began = Instant::now();
             for sample in &samples[half..] {
                 black_box(pipeline.step(sample));
             }
-            out.push(began.elapsed().as_secs_f64() * 1e9 / (samples.len() - half) as f64);
+            out[0].push(ns(began));
+            let mut estimating = listening.clone();
+            let forces: Vec<_> = samples[half..].iter().map(|s| (s.t_s, estimating.step(s).forces)).collect();
+            let known: Vec<_> = samples[half..].iter().map(conditions).collect();
+            let began = Instant::now();
+            for ((t_s, forces), known) in forces.iter().zip(&known) {
+                black_box(listening.step_estimates(*t_s, &forces[..*axes], known));
+            }
+            out[1].push(ns(began));
         }
         let mut lathe =
             Lathe::new(LatheSettings { entry_s: 0.0, ..LatheSettings::realistic(Scenario::default(), 1) });
@@ -104,10 +126,14 @@ fn main() {
     let ruler = median(ruler);
     println!("plain recursion of 201 bins, one axis: {ruler:.0} ns a sample");
     for ((axes, rate_hz), out) in cases.iter().zip(times) {
-        let ns = median(out);
-        let (percent, ratio) = (ns * rate_hz * 1e-7, ns / ruler);
+        let [whole, listens] = out.map(median);
+        let (percent, ratio) = (whole * rate_hz * 1e-7, whole / ruler);
         let share = format!("{percent:.2} % of a core = {ratio:.1} x that");
-        println!("pipeline, {axes} axes, {rate_hz} Hz: {ns:.0} ns a sample = {share}");
+        println!("pipeline, {axes} axes, {rate_hz} Hz: {whole:.0} ns a sample = {share}");
+        let (forces, ratio) = (whole - listens, listens / ruler);
+        println!(
+            "  spectrum and detection {listens:.0} ns = {ratio:.1} x that; force estimators {forces:.0} ns"
+        );
     }
     println!("lathe with four servo axes at 9 kHz: {:.0} times real time", median(lathe_factor));
 }

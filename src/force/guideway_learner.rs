@@ -37,6 +37,9 @@ const UNEXPLAINED: f64 = 0.1;
 /// a stretch that was wrong is outvoted.
 const KEPT: f64 = 0.95;
 
+/// How far the laws are apart is looked at in every so manyth sample.
+const LOOKED_AT: u32 = 8;
+
 /// Design; immutable.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Guideway {
@@ -61,9 +64,10 @@ struct Block {
     count: u32,
     force_n: f64,
     share: Each,
-    memory: Each,
-    /// Variance of the share over the travels, summed.
+    /// Variance of the share over the travels, summed over every [`LOOKED_AT`]th sample.
     doubt: f64,
+    /// Way since the stretch began, at its beginning, m.
+    way_m: f64,
     /// Velocity at its beginning, m/s.
     velocity_m_s: f64,
     /// The signals were whole from the sample before it on.
@@ -90,8 +94,9 @@ struct Stretch {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct GuidewayState {
     position_m: f64,
+    /// Since the stretch began.
+    way_m: f64,
     share: Each,
-    memory: Each,
     weights: Each,
     pub(super) evidence: Evidence,
     block: Block,
@@ -99,12 +104,12 @@ pub(super) struct GuidewayState {
     unknown: bool,
 }
 
-crate::keyframe::keep!(Block { count, force_n, share, memory, doubt, velocity_m_s, whole });
+crate::keyframe::keep!(Block { count, force_n, share, doubt, way_m, velocity_m_s, whole });
 crate::keyframe::keep!(Stretch { count, first_n, b, bb, h, hh, bh, m, mm, bm, hm });
 crate::keyframe::keep!(GuidewayState {
     position_m,
+    way_m,
     share,
-    memory,
     weights,
     evidence,
     block,
@@ -158,8 +163,8 @@ impl Guideway {
     pub(super) fn settled(&self, position_m: f64) -> GuidewayState {
         GuidewayState {
             position_m,
+            way_m: 0.0,
             share: [0.0; 8],
-            memory: [1.0; 8],
             weights: self.before.weights(),
             evidence: self.before,
             block: Block::default(),
@@ -191,21 +196,22 @@ impl Guideway {
 
     fn end_block(&self, state: &mut GuidewayState, velocity_m_s: f64) {
         let block = state.block;
-        state.block = Block { velocity_m_s, ..Block::default() };
+        state.block = Block { velocity_m_s, way_m: state.way_m, ..Block::default() };
         let part = 1.0 / f64::from(block.count);
         // The level of friction is known to a tenth.
-        state.unknown = (block.doubt * part).max(0.0).sqrt() > TOLERATED;
+        let looks = block.count.div_ceil(LOOKED_AT);
+        state.unknown = (block.doubt / f64::from(looks)).max(0.0).sqrt() > TOLERATED;
         if !block.whole {
-            state.stretch = Stretch::default();
+            (state.stretch, state.way_m, state.block.way_m) = (Stretch::default(), 0.0, 0.0);
             return;
         }
         let accel_m_s2 = (velocity_m_s - block.velocity_m_s) * part / self.period_s;
         let force_n = block.force_n * part + self.stage[1] * accel_m_s2;
-        state.stretch.add(force_n, block.share.map(|h| h * part), block.memory.map(|m| m * part));
+        let memory = mean_memory([block.way_m, state.way_m]);
+        state.stretch.add(force_n, block.share.map(|h| h * part), memory);
         if state.stretch.count >= BLOCKS {
             self.learn(state);
-            state.stretch = Stretch::default();
-            state.memory = [1.0; 8];
+            (state.stretch, state.way_m, state.block.way_m) = (Stretch::default(), 0.0, 0.0);
         }
     }
 
@@ -221,6 +227,14 @@ impl Guideway {
             state.weights = state.evidence.weights();
         }
     }
+}
+
+/// exp(-way / d) of each travel, its mean over a way that is gone evenly.
+fn mean_memory([from_m, to_m]: [f64; 2]) -> Each {
+    TRAVELS_M.map(|travel_m| {
+        let (first, gone) = ((-from_m / travel_m).exp(), (to_m - from_m) / travel_m);
+        if gone < 1e-6 { first } else { -first * (-gone).exp_m1() / gone }
+    })
 }
 
 impl Stretch {
@@ -284,20 +298,21 @@ impl Kernel for Turn<'_> {
         let beyond = (moved.abs() - self.design.play_m).max(0.0);
         let direction = moved.signum();
         s.position_m = multiply_add::<FUSED>(direction, beyond, s.position_m);
-        let (mut likely, mut square) = ([0.0; 8], [0.0; 8]);
+        s.way_m += beyond;
+        let mut likely = [0.0; 8];
         for k in 0..likely.len() {
             let u = beyond * (1.0 / TRAVELS_M[k]);
             let keep = 1.0 / (1.0 + u * (1.0 + 0.5 * u * (1.0 + u * (1.0 / 3.0))));
             let share = multiply_add::<FUSED>(s.share[k] - direction, keep, direction);
-            s.memory[k] *= keep;
             s.share[k] = share;
             s.block.share[k] += share;
-            s.block.memory[k] += s.memory[k];
             likely[k] = s.weights[k] * share;
-            square[k] = likely[k] * share;
         }
         let mean: f64 = likely.iter().sum();
-        s.block.doubt += square.iter().sum::<f64>() - mean * mean;
+        if s.block.count.is_multiple_of(LOOKED_AT) {
+            let square: f64 = likely.iter().zip(s.share).map(|(likely, share)| likely * share).sum();
+            s.block.doubt += square - mean * mean;
+        }
         mean
     }
 }
