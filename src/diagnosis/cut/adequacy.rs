@@ -4,8 +4,9 @@
 
 use super::super::result::TimeSpans;
 use super::criteria::CRITERIA;
-use super::fit::{Problem, cholesky, forward};
+use super::fit::Problem;
 use super::machine::{Machine, Point};
+use super::matrix::{cholesky, forward};
 use super::observable::{Bin, Every, Observed, Origin, OriginKind, Part};
 use super::port::likeliest;
 use super::result::CutLocation;

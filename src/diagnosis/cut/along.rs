@@ -3,9 +3,10 @@
 //! The motion is that of the bar (and of the holder of tool 2) under the recorded forces, integrated without
 //! feedback; the past surface is the same motion a delay ago. For contributions and pictures, not for fits.
 
+use super::force_signal::{filtered, signal_response, stated_filter};
 use super::input::CutRecording;
 use super::rows::commanded_angle;
-use super::stretches::{condition, signal_response, stated_filter};
+use super::stretches::condition;
 use crate::plant::cut_effects::{AtAngle, CutEffect};
 use crate::plant::cut_loop::{CutLoop, Resonance};
 use crate::plant::cut_terms::CutTerms;
@@ -13,7 +14,6 @@ use crate::plant::effects::Port;
 use crate::plant::scenario::{Scenario, ToolCount};
 use crate::signal::butterworth::Butterworth;
 use nalgebra::Complex;
-use rustfft::FftPlanner;
 use std::f64::consts::PI;
 
 /// The condition is looked up this often, s: nothing moves far in it.
@@ -91,37 +91,6 @@ fn inverse(response: Complex<f64>, f: f64) -> Complex<f64> {
     } else {
         Complex::new(0.0, 0.0)
     }
-}
-
-/// A series through a frequency response, its ends led on.
-pub(crate) fn filtered(x: &[f64], rate_hz: f64, gain: &dyn Fn(f64) -> Complex<f64>) -> Vec<f64> {
-    let n = x.len();
-    if n == 0 {
-        return Vec::new();
-    }
-    let mut planner = FftPlanner::new();
-    // The ends are led on, so that what is late does not come from the other end.
-    let length = (n + n / 8 + 512).next_power_of_two();
-    let at = |k: usize| {
-        if k < n {
-            x[k]
-        } else if k < (n + length) / 2 {
-            x[n - 1]
-        } else {
-            x[0]
-        }
-    };
-    let mut y: Vec<Complex<f64>> = (0..length).map(|k| Complex::new(at(k), 0.0)).collect();
-    planner.plan_fft_forward(length).process(&mut y);
-    for k in 0..=length / 2 {
-        let g = gain(k as f64 * rate_hz / length as f64) / length as f64;
-        y[k] *= g;
-        if k > 0 && k < length - k {
-            y[length - k] *= g.conj();
-        }
-    }
-    planner.plan_fft_inverse(length).process(&mut y);
-    y[..n].iter().map(|v| v.re).collect()
 }
 
 /// What does not change within [`LOOKED_UP_S`].
@@ -312,16 +281,6 @@ fn signal_added(recording: &CutRecording, effect: &CutEffect) -> Added {
     };
     let of = |j: usize| recording.forces_n[j].as_ref().map(|f| filtered(f, rate.hz(), &gain));
     Added { value: of(0).unwrap_or_else(|| vec![0.0; recording.len()]), value_2: of(1) }
-}
-
-/// A series less its straight line of least squares: wear and travel are no vibration.
-pub(crate) fn without_line(x: &[f64]) -> Vec<f64> {
-    let n = x.len() as f64;
-    let mean = x.iter().sum::<f64>() / n;
-    let middle = (n - 1.0) / 2.0;
-    let moment: f64 = x.iter().enumerate().map(|(k, v)| (k as f64 - middle) * v).sum();
-    let slope = moment / (n * (n * n - 1.0) / 12.0).max(1.0);
-    x.iter().enumerate().map(|(k, v)| v - mean - slope * (k as f64 - middle)).collect()
 }
 
 #[cfg(test)]

@@ -7,8 +7,8 @@
 //! var sum (z^4 - 3) = 24 n sum_lag rho(lag)^4,   rho its autocorrelation.
 
 use super::adequacy::{Left, spans};
-use super::along::without_line;
 use super::criteria::CRITERIA;
+use super::force_signal::without_line;
 use super::input::CutRecording;
 use super::observable::{Origin, OriginKind};
 use super::result::CutLocation;

@@ -8,7 +8,8 @@ use super::super::two_cores::on_two_cores;
 use super::criteria::CRITERIA;
 use super::laws::{Coordinate, Term};
 use super::machine::{Frame, Machine, Number, Point};
-use super::observable::{Bin, CHANNELS, Every, Matrix, Observed, OriginKind, Part, ZERO};
+use super::matrix::{CHANNELS, Matrix, ZERO, cholesky, forward};
+use super::observable::{Bin, Every, Observed, OriginKind, Part};
 use nalgebra::{Complex, DMatrix, DVector};
 use std::f64::consts::SQRT_2;
 
@@ -92,41 +93,6 @@ fn influence(r: f64) -> f64 {
 /// Outlying power of a bin of `n` channels; its mean is n, its logarithm falls by one a unit.
 fn outlying_power(channels: usize) -> f64 {
     CRITERIA.outlying_sd.powi(2) + channels as f64
-}
-
-/// Lower triangle L of S = L L^H; `None`: not positive.
-pub(crate) fn cholesky(s: &Matrix, n: usize) -> Option<Matrix> {
-    let mut l = [[ZERO; CHANNELS]; CHANNELS];
-    for i in 0..n {
-        for j in 0..=i {
-            let mut sum = s[i][j];
-            for k in 0..j {
-                sum -= l[i][k] * l[j][k].conj();
-            }
-            if i == j {
-                if !(sum.re > 0.0) {
-                    return None;
-                }
-                l[i][i] = Complex::new(sum.re.sqrt(), 0.0);
-            } else {
-                l[i][j] = sum / l[j][j].re;
-            }
-        }
-    }
-    Some(l)
-}
-
-/// L^-1 x.
-pub(crate) fn forward(l: &Matrix, x: &[Complex<f64>; CHANNELS], n: usize) -> [Complex<f64>; CHANNELS] {
-    let mut u = [ZERO; CHANNELS];
-    for i in 0..n {
-        let mut sum = x[i];
-        for k in 0..i {
-            sum -= l[i][k] * u[k];
-        }
-        u[i] = sum / l[i][i].re;
-    }
-    u
 }
 
 /// L^-1 dS L^-H, Hermitian, as real numbers whose products are the trace of the product: diagonal, then

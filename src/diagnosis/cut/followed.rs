@@ -18,14 +18,15 @@
 //! best that is known of the machine; what the line itself tells is in [`super::line`].
 
 use super::criteria::CRITERIA;
-use super::fit::{cholesky, forward};
+use super::force_signal::signal_response;
 use super::input::CutRecording;
 use super::known::Reference;
 use super::machine::Machine;
-use super::observable::{CHANNELS, Every, LeftOver, Matrix, Observable, Origin, OriginKind, Part, ZERO};
+use super::matrix::{CHANNELS, Matrix, ZERO, cholesky, forward};
+use super::observable::{Every, LeftOver, Observable, Origin, OriginKind, Part};
 use super::source::Sources;
 use super::spectra::{PROBE_UNIT_M, Place, SHARE_OF_BINS, SignalLag, TAPERS, bins, taken, taper};
-use super::stretches::{Stretch, signal_response};
+use super::stretches::Stretch;
 use crate::plant::cut_loop::CutLoop;
 use crate::plant::cut_terms::CutTerms;
 use crate::plant::scenario::{Scenario, ToolCount};

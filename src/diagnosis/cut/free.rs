@@ -4,13 +4,14 @@
 //! Nothing is fed back from the measured forces, so that this is what no fit can bend: growth, what ends it,
 //! and what the noise of a calm cut is. Random forces of several seeds say what part of a gap is chance.
 
-use super::along::{filtered, looked_up};
+use super::along::looked_up;
+use super::force_signal::{filtered, signal_response, stated_filter};
 use super::input::CutRecording;
 use super::machine::Machine;
-use super::observable::ZERO;
+use super::matrix::ZERO;
 use super::result::FreeFit;
 use super::rows::turned_angle;
-use super::stretches::{band_hz, condition, signal_response, stated_filter};
+use super::stretches::{band_hz, condition};
 use crate::plant::cut_terms::CutCondition;
 use crate::plant::scenario::Scenario;
 use crate::signal::butterworth::Butterworth;

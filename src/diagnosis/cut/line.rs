@@ -8,16 +8,18 @@
 //! noise is white from block to block; it passes half of the fourth of the neighbouring lines, all of which
 //! are modes beside it. A Kalman filter foretells each block from those before it: -ln L is the sum over its
 //! innovations, whether they swell or fade; growth, frequency and the ratio of both tools' forces are in it.
-//! Of the innovations of all forces ([`super::followed`]) this part is lost where the bar amplifies the
+//! Of the innovations of all forces (`followed`) this part is lost where the bar amplifies the
 //! sensor's noise; here that noise enters as what it is, noise of the sensor.
 
 use super::criteria::CRITERIA;
+use super::force_signal::signal_response;
 use super::input::CutRecording;
 use super::known::Reference;
 use super::machine::Machine;
-use super::observable::{Bin, CHANNELS, Every, LineBeside, Observable, Origin, OriginKind, Part, ZERO};
+use super::matrix::{CHANNELS, ZERO};
+use super::observable::{Bin, Every, LineBeside, Observable, Origin, OriginKind, Part};
 use super::spectra::Place;
-use super::stretches::{Stretch, condition, signal_response};
+use super::stretches::{Stretch, condition};
 use crate::plant::cut_loop::CutLoop;
 use crate::plant::scenario::ToolCount;
 use crate::stability::{Root, cut_root_near, rightmost_cut_root};

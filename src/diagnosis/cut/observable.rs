@@ -4,20 +4,11 @@
 //!
 //! Recordings give both kinds; a row of a table gives residuals (an outcome as its deviance residual).
 
-use super::fit::{cholesky, forward};
 use super::machine::Machine;
+use super::matrix::{CHANNELS, Matrix, cholesky, forward};
 use super::source::Sources;
 use crate::stability::Root;
 use nalgebra::Complex;
-
-/// Channels of one bin: force of tool 1, of tool 2, probe.
-pub(crate) const CHANNELS: usize = 3;
-
-/// Three by three; of fewer channels the first.
-pub(crate) type Matrix = [[Complex<f64>; CHANNELS]; CHANNELS];
-
-/// Nought.
-pub(crate) const ZERO: Complex<f64> = Complex::new(0.0, 0.0);
 
 /// One bin of a spectrum: what is left unexplained, and the spectrum that it should have.
 #[derive(Debug, Clone, Copy)]
@@ -189,6 +180,7 @@ impl Observable for Lent<'_> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::matrix::ZERO;
     use super::*;
 
     /// Who predicts by the right spectrum leaves the floor; by a wrong one more, however loud it is.

@@ -1,8 +1,8 @@
 //! Where does a force that nothing explains act? The likeliest of the ways in which it may reach both tools.
 
 use super::criteria::CRITERIA;
-use super::fit::{cholesky, forward};
-use super::observable::{Bin, CHANNELS, Matrix};
+use super::matrix::{CHANNELS, Matrix, cholesky, forward};
+use super::observable::Bin;
 use super::source::{Pair, Sources};
 use crate::plant::effects::Port;
 use nalgebra::Complex;
@@ -47,7 +47,7 @@ pub(crate) fn likeliest(bins: &[(Bin, Sources)]) -> Port {
 
 #[cfg(test)]
 mod tests {
-    use super::super::observable::ZERO;
+    use super::super::matrix::ZERO;
     use super::super::synthetic::machine;
     use super::*;
     use crate::plant::cut_loop::CutLoop;

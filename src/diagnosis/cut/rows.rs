@@ -1,10 +1,12 @@
 //! What recordings say in plain residuals: mean forces, lines locked to the spindle, and the spindle's angle.
 
 use super::criteria::CRITERIA;
+use super::force_signal::{signal_response, stated_filter};
 use super::input::CutRecording;
 use super::machine::Machine;
-use super::observable::{Every, LeftOver, Observable, Origin, OriginKind, Part, ZERO};
-use super::stretches::{Stretch, condition, signal_response, stated_filter};
+use super::matrix::ZERO;
+use super::observable::{Every, LeftOver, Observable, Origin, OriginKind, Part};
+use super::stretches::{Stretch, condition};
 use crate::plant::cut_effects::CutEffect;
 use crate::plant::cut_loop::CutLoop;
 use crate::plant::cut_terms::CutCondition;

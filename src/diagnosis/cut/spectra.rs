@@ -13,15 +13,16 @@
 //! the line moves by no more than a bin ([`pieces`]). Of a longer one the line is broader than its damping,
 //! and its bins hang together.
 
-use super::along::without_line;
 use super::criteria::CRITERIA;
+use super::force_signal::{signal_response, stated_filter, without_line};
 use super::input::CutRecording;
 use super::known::Reference;
 use super::machine::Machine;
-use super::observable::{Bin, CHANNELS, Every, LeftOver, Matrix, Observable, Origin, OriginKind, Part, ZERO};
+use super::matrix::{CHANNELS, Matrix, ZERO};
+use super::observable::{Bin, Every, LeftOver, Observable, Origin, OriginKind, Part};
 use super::rows::turned_angle;
 use super::source::Sources;
-use super::stretches::{Stretch, band_hz, condition, signal_response, stated_filter};
+use super::stretches::{Stretch, band_hz, condition};
 use crate::plant::cut_effects::CutEffect;
 use crate::plant::cut_loop::CutLoop;
 use crate::plant::cut_terms::{CutCondition, CutTerms};

@@ -7,15 +7,14 @@
 //!            (linear)   +-- contact may be lost: left out
 //! ```
 
-use super::along::{filtered, without_line};
 use super::criteria::CRITERIA;
+use super::force_signal::{filtered, signal_response, stated_filter, without_line};
 use super::input::CutRecording;
 use super::machine::Noise;
-use super::observable::ZERO;
+use super::matrix::ZERO;
 use crate::plant::cut_loop::CutLoop;
 use crate::plant::cut_terms::{CutCondition, CutTerms};
 use crate::plant::scenario::{Scenario, ToolCount};
-use crate::signal::butterworth::Butterworth;
 use crate::stability::rightmost_cut_root;
 use nalgebra::Complex;
 use std::f64::consts::TAU;
@@ -76,21 +75,6 @@ pub(crate) fn condition(recording: &CutRecording, at: usize, scenario: &Scenario
         time_s,
         edge_age_s: time_s,
     }
-}
-
-/// E(f): the force signal over the force, as stated.
-pub(crate) fn signal_response(filter: Option<&Butterworth>, delay_s: f64, frequency_hz: f64) -> Complex<f64> {
-    let late = Complex::from_polar(1.0, -TAU * frequency_hz * delay_s);
-    filter.map_or(late, |f| {
-        let (re, im) = f.response(frequency_hz);
-        Complex::new(re, im) * late
-    })
-}
-
-/// The low-pass of a recording's force signal, as stated.
-pub(crate) fn stated_filter(recording: &CutRecording) -> Option<Butterworth> {
-    let corner = recording.signal.bandwidth_hz?;
-    Butterworth::low_pass(4, corner, recording.sample_rate).ok()
 }
 
 /// Band in which the forces of a recording say something, Hz.

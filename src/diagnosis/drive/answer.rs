@@ -1,5 +1,6 @@
 //! From the selection to what is said: verdict, findings, corrections, the model, the proof.
 
+use super::case::{Case, Found};
 use super::closed_loop::closed_loop;
 use super::evidence::{least_seen_n, level};
 use super::faults::force_faults;
@@ -20,46 +21,18 @@ use super::words::{specification, statement, term_of, told};
 use crate::diagnosis::criteria::{Criteria, Z95};
 use crate::diagnosis::encoder_noise::variance_m2;
 use crate::diagnosis::result::{
-    Alternative, Contribution, Correction, DetectionLimit, Diagnosis, Estimate, Finding, Fit, Location,
-    MapEstimate, RecordingFit, TimeSpans, Tried, Verdict,
+    Alternative, Correction, DetectionLimit, Diagnosis, Estimate, Finding, Fit, Location, MapEstimate,
+    RecordingFit, TimeSpans, Tried, Verdict,
 };
-use crate::diagnosis::selection::{Fitted, Round, probabilities};
+use crate::diagnosis::selection::{Fitted, probabilities};
 use crate::diagnosis::steps::{coarser_step, stated_step_m};
 use crate::diagnosis::two_cores::on_two_cores;
 use crate::plant::effects::encoder_quantization::STEP;
 use crate::plant::effects::{
     EffectKind, ParameterValue, PhysicsTerm, Port, coulomb_friction, viscous_friction,
 };
-use crate::plant::machine::{AxisModel, Machine};
 use crate::sample::Recording;
 use crate::signal::inner_products::rms;
-
-/// Everything an answer is made of.
-pub(super) struct Case<'a> {
-    pub(super) machine: &'a Machine,
-    /// As stated, and with its terms folded into keys.
-    pub(super) stated: &'a AxisModel,
-    pub(super) axis: &'a AxisModel,
-    pub(super) recordings: &'a [Recording],
-    pub(super) balance: &'a Balance,
-    /// Before anything was found.
-    pub(super) start: &'a State,
-    pub(super) rounds: &'a [Round<Hypothesis, State>],
-    pub(super) stated_rest_n: f64,
-    pub(super) notes: Vec<String>,
-    pub(super) out_of_budget: bool,
-}
-
-/// What was found, before it is asserted.
-pub(super) struct Found {
-    estimates: Vec<Estimate>,
-    pub(super) term: PhysicsTerm,
-    evidence_nats: f64,
-    level_nats: f64,
-    contribution: Vec<Contribution>,
-    /// Held-out residual without it, N.
-    without_n: f64,
-}
 
 /// True where the 95 % interval of a law's size does not hold zero. Sizes that stand in a shape do not.
 pub(super) fn is_other_than_zero(law: &Accepted, deviations: &[f64]) -> bool {

@@ -4,7 +4,8 @@
 //! position, speed or time since the start does. It is asked before anything else, in the one stretch of a
 //! recording whose mean stands furthest from the rest of it.
 
-use super::answer::{Case, is_other_than_zero};
+use super::answer::is_other_than_zero;
+use super::case::Case;
 use super::evidence::{ask, level};
 use super::laws::cutting_force::Push;
 use super::laws::{Deviations, Hypothesis, Shape};

@@ -5,6 +5,7 @@ mod answer;
 mod balance;
 mod bank;
 mod base;
+mod case;
 mod closed_loop;
 mod columns;
 mod dynamics;
@@ -89,8 +90,8 @@ fn case_of<'a>(
     recordings: &'a [Recording],
     balance: &'a state::Balance,
     start: &'a state::State,
-) -> answer::Case<'a> {
-    answer::Case {
+) -> case::Case<'a> {
+    case::Case {
         machine,
         stated,
         axis,
@@ -126,7 +127,7 @@ fn beside_cut(
     let (masked, resting) = (entry::with(&rows, &options.masked), entry::without(&options.resting, &rows));
     let rest = DiagnoseOptions { masked, resting, ..options.clone() };
     let round = cut.round();
-    let case = answer::Case {
+    let case = case::Case {
         rounds: std::slice::from_ref(&round),
         notes: vec![
             "What follows is of the rows without the cut: its force is none of the drive.".to_owned(),
@@ -162,7 +163,7 @@ pub(in crate::diagnosis) fn diagnose(
         selected.model = start.clone();
     }
     progress(0.9, "writing the model, simulating the loop");
-    let case = answer::Case {
+    let case = case::Case {
         rounds: &selected.rounds,
         stated_rest_n: given::stated_rest_n(&axis),
         notes,

@@ -1,6 +1,6 @@
 //! The model with everything that is said in it.
 
-use super::answer::Case;
+use super::case::Case;
 use super::laws::Effect;
 use super::numbers::{Doubt, beside, common_scale, corrections};
 use super::rest::Rest;

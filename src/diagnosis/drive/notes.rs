@@ -5,8 +5,8 @@
 //! that a law which was not asked might explain, and where nothing was found no number is told as wrong: each
 //! may be bent by what was not asked.
 
-use super::answer::{Case, Found};
 use super::bank::candidates;
+use super::case::{Case, Found};
 use super::laws::Hypothesis;
 use super::rest::Rest;
 use super::words::engineering;
