@@ -2,10 +2,12 @@
 //! accelerometer estimator from runs with known force, the noise that encoder steps cause.
 
 pub mod banded;
+mod fitted_drive;
 pub mod frf;
 pub mod least_squares;
 pub mod resolution;
 pub mod sweep;
 mod sweep_fit;
 mod sweep_lines;
+mod sweep_recording;
 mod sweep_result;

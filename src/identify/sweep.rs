@@ -17,130 +17,15 @@
 //! prior. Checked by: identify::a_sweep_gives_back_mass_stiffness_and_dead_times,
 //! identify::the_noise_part_of_an_interval_holds_the_truth_in_95_of_100_repeats.
 
+pub use super::fitted_drive::{FittedMode, FittedParameter, ResponsePoint};
 use super::sweep_fit::{Band, Fit};
 use super::sweep_lines::{LEAST_STRETCH_S, LOW_HZ, Lines, steady_stretches};
+pub use super::sweep_recording::{StatedErrors, Sweep, SweepError};
 use super::sweep_result::with_torsion;
 use crate::plant::drive::{DriveParams, RawDriveParams, Structure};
 use crate::plant::effects::torsional_mode::stiffness_of;
-use crate::units::SampleRate;
-use rustfft::num_complex::Complex64;
 use std::f64::consts::TAU;
 use std::ops::Range;
-use thiserror::Error;
-
-/// A sweep of one axis in force and travel.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Sweep {
-    /// Rate.
-    pub rate: SampleRate,
-    /// Thrust reference K_t I / R, N.
-    pub thrust_ref_n: Vec<f64>,
-    /// Motor travel, m; may be empty on a rigid axis with a stage.
-    pub motor_travel_m: Vec<f64>,
-    /// Stage position, m; may be empty on a rigid axis with a motor encoder.
-    pub stage_position_m: Vec<f64>,
-}
-
-/// Why a sweep cannot be used.
-#[derive(Debug, Clone, PartialEq, Error)]
-pub enum SweepError {
-    /// No stretch of steady feed (or rest) is long enough.
-    #[error("no stretch of steady feed of {least_s} s or more in {seconds:.1} s of recording")]
-    NoStretch {
-        /// Needed.
-        least_s: f64,
-        /// There is.
-        seconds: f64,
-    },
-    /// The input does not excite the band.
-    #[error(
-        "the current reference excites {bins} lines between {low_hz} and {high_hz} Hz; a sweep is needed"
-    )]
-    NotExcited {
-        /// Lines with enough input.
-        bins: usize,
-        /// Band.
-        low_hz: f64,
-        /// Band.
-        high_hz: f64,
-    },
-    /// A signal that the structure needs is missing.
-    #[error("a {structure} axis needs {needs}")]
-    Signal {
-        /// Structure.
-        structure: &'static str,
-        /// Signal.
-        needs: &'static str,
-    },
-    /// The result is not a drive.
-    #[error("the fit ended at a drive that is not physical: {0}")]
-    NotPhysical(#[from] crate::plant::drive::ParamError),
-}
-
-/// One fitted parameter.
-#[derive(Debug, Clone, PartialEq)]
-pub struct FittedParameter {
-    /// Key of the model file.
-    pub name: &'static str,
-    /// Value of the prior model.
-    pub prior: f64,
-    /// Fitted value.
-    pub value: f64,
-    /// Standard deviation from the noise of this sweep and the misfit of the model; infinite where the model
-    /// does not explain the sweep.
-    pub noise: f64,
-    /// Standard deviation from what no sweep shows: `StatedErrors`.
-    pub stated: f64,
-    /// 95 % interval of both.
-    pub ci95: [f64; 2],
-}
-
-/// What no sweep shows, one standard deviation each.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct StatedErrors {
-    /// Relative, of the torque constant: masses, stiffness and damping scale with it.
-    pub torque_constant: f64,
-    /// Of the instants at which the drive takes its reference and its encoders, s; `None`: a tenth of a
-    /// sample.
-    pub instants_s: Option<f64>,
-    /// Relative: how well a first-order lag is the current loop.
-    pub current_lag: f64,
-}
-
-impl Default for StatedErrors {
-    /// A torque constant known to 1 % with 95 % of trust, a current loop that is a lag to 4 %.
-    fn default() -> Self {
-        Self { torque_constant: 0.005, instants_s: None, current_lag: 0.02 }
-    }
-}
-
-/// A torsional mode that the sweep shows beside two inertias.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct FittedMode {
-    /// Free-free frequency of the two parts of the inertia, Hz.
-    pub frequency_hz: f64,
-    /// Its standard deviation from noise, Hz.
-    pub frequency_deviation_hz: f64,
-    /// Share of the inertia behind the torsional spring.
-    pub screw_share: f64,
-    /// Its standard deviation from noise.
-    pub share_deviation: f64,
-    /// Damping over critical, of the screw on the torsional spring.
-    pub damping_ratio: f64,
-}
-
-/// Measured and fitted response averaged over a narrow band.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ResponsePoint {
-    /// Centre, Hz.
-    pub frequency_hz: f64,
-    /// Acceleration of the motor per thrust, 1/kg: measured, fitted.
-    pub motor_1_kg: [Complex64; 2],
-    /// Acceleration of the stage per thrust, 1/kg: measured, fitted.
-    pub stage_1_kg: [Complex64; 2],
-    /// Squared coherence of motor and stage with the thrust.
-    pub coherence: [f64; 2],
-}
 
 /// Relative misfit beyond which a recording is no sweep of this axis: nothing of the fit is kept.
 const NOTHING_LIKE: f64 = 0.5;

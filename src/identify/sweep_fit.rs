@@ -1,8 +1,9 @@
 //! The fit of a drive to the lines of a sweep.
 
+use super::fitted_drive::ResponsePoint;
 use super::least_squares::minimise;
-use super::sweep::{ResponsePoint, StatedErrors};
 use super::sweep_lines::Lines;
+use super::sweep_recording::StatedErrors;
 use crate::force::response::{Chain, ChainLink};
 use crate::plant::drive::{DriveParams, Structure};
 use nalgebra::DMatrix;

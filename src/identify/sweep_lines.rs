@@ -1,6 +1,6 @@
 //! Spectra of the steady stretches of a sweep.
 
-use super::sweep::{Sweep, SweepError};
+use super::sweep_recording::{Sweep, SweepError};
 use crate::units::SampleRate;
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex64;

@@ -1,6 +1,6 @@
 //! What a fit to a sweep says of the drive: values in the keys of a model file, with intervals.
 
-use super::sweep::{FittedMode, FittedParameter};
+use super::fitted_drive::{FittedMode, FittedParameter};
 use super::sweep_fit::{Fit, Unknown};
 use crate::plant::drive::{DriveParams, RawDriveParams, Structure};
 use crate::plant::effects::torsional_mode::stiffness_of;
