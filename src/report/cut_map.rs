@@ -1,6 +1,6 @@
 //! Stability before and after, over the two conditions that the cuts differ in most, with the cuts on it.
 
-use super::html::key;
+use super::page::key;
 use super::plot::{Axis, Figure, Mark, range_of};
 use crate::diagnosis::cut::result::{CutDiagnosis, MappedCut};
 use crate::plant::cut_terms::CutCondition;

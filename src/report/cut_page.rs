@@ -9,16 +9,15 @@ use super::cut_map::maps;
 use super::cut_proof::proof;
 use super::cut_words::{headline, next_step, number_name, phrase, place, worth};
 use super::faults::faults_box;
-use super::html::{digits_for, interval_bar, key, spoken, without_unit};
-use super::page::{engineering, page, significant};
+use super::html::{digits_for, interval_bar};
+use super::naming::{spoken, without_unit};
+use super::page::{SHOWN_ROWS, engineering, key, page, significant};
 use super::plot::{Axis, Figure, Mark, escape, range_of};
 use crate::diagnosis::Verdict;
 use crate::diagnosis::cut::input::CutOutcome;
 use crate::diagnosis::cut::result::{CutDiagnosis, CutFinding, CutRecordingFit, CutRowFit, FreeFit};
 use std::fmt::Write as _;
 
-/// Rows of a table that the page shows: those that a model gets wrong, or misses most, come first.
-pub(super) const SHOWN_ROWS: usize = 40;
 /// Probability below which a rival is not worth a line.
 const LEAST_SHARE: f64 = 0.01;
 

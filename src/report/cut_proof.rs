@@ -1,7 +1,6 @@
 //! The proof of a diagnosis of the cut: what separates the answer from the stated structure with other numbers.
 
-use super::cut_page::SHOWN_ROWS;
-use super::page::{engineering, significant};
+use super::page::{SHOWN_ROWS, engineering, significant};
 use super::plot::escape;
 use crate::diagnosis::cut::result::{CutDiagnosis, CutProof, ProvenLine, Sides};
 use crate::stability::Root;

@@ -1,7 +1,7 @@
 //! A diagnosis of the cut in the words of someone who turns: one phrase an effect, two sentences a verdict.
 
 use super::cut_proof::{Off, free_off_db};
-use super::html::{spoken, without_unit};
+use super::naming::{spoken, without_unit};
 use super::page::{engineering, significant};
 use crate::diagnosis::cut::result::{CutDiagnosis, CutFinding, TableFit};
 use crate::diagnosis::{Correction, Verdict};
@@ -236,7 +236,7 @@ pub(super) fn phrase(f: &CutFinding) -> String {
         E::ForceSensorLag => {
             format!("that the force signal comes {} later than stated", n("extra_delay_s", "s"))
         }
-        other => super::html::spoken(other.name()),
+        other => super::naming::spoken(other.name()),
     }
 }
 

@@ -5,12 +5,13 @@
 
 use super::faults::{FaultOf, faults_box};
 use super::in_loop::in_loop;
-use super::page::{engineering, page, significant};
+use super::naming::{spoken, without_unit};
+use super::page::{engineering, key, page, significant};
 use super::place::place;
 use super::plot::{Axis, Figure, Mark, escape, range_of};
+use super::residual_series::{Picked, after, before, telling};
 use super::words::{headline, next_step, phrase, place_of, sentence};
 use crate::diagnosis::{Diagnosis, Finding, RecordingFit, Verdict};
-use crate::plant::effects::Port;
 use crate::signal::inner_products::rms;
 use std::fmt::Write as _;
 
@@ -54,12 +55,6 @@ pub fn diagnosis_page(diagnosis: &Diagnosis, context: &ReportContext) -> String 
     page(&format!("{}: {}", context.machine, headline(diagnosis)), &body)
 }
 
-/// `stribeck_friction` as a person writes it.
-#[must_use]
-pub fn spoken(name: &str) -> String {
-    name.replace('_', " ")
-}
-
 fn header(out: &mut String, d: &Diagnosis, context: &ReportContext) {
     let (class, word) = match &d.no_evidence {
         Some(_) => ("", "no evidence".to_owned()),
@@ -89,47 +84,6 @@ fn header(out: &mut String, d: &Diagnosis, context: &ReportContext) {
     }
 }
 
-/// A recording and one of its balances.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Picked {
-    pub(super) recording: usize,
-    pub(super) balance: usize,
-}
-
-/// The recording and balance where before and after differ most; without findings, where most is left, on the
-/// side where it was located.
-pub(super) fn telling(d: &Diagnosis) -> Option<Picked> {
-    let side = match (d.verdict, d.location.as_ref().map(|l| l.port)) {
-        (Verdict::UnexplainedMismatch, Some(Port::Motor)) => Some(0),
-        (Verdict::UnexplainedMismatch, Some(Port::Stage)) => Some(d.balances.len().saturating_sub(1)),
-        _ => None,
-    };
-    let mut best: Option<(f64, Picked)> = None;
-    for (recording, fit) in d.recordings.iter().enumerate() {
-        for balance in (0..fit.residual_before_n.len()).filter(|b| side.is_none_or(|s| s == *b)) {
-            let Some(after) = fit.residual_after_n.get(balance).filter(|a| !a.is_empty()) else { continue };
-            let floor = d.noise_floor_n.get(balance).copied().unwrap_or(1.0).max(1.0e-9);
-            let shown = before(d, fit, balance);
-            let gain = (rms(shown).powi(2) - rms(after).powi(2)) / floor + 1.0e-3 * rms(shown) / floor;
-            if best.is_none_or(|(g, _)| gain > g) {
-                best = Some((gain, Picked { recording, balance }));
-            }
-        }
-    }
-    best.map(|(_, p)| p)
-}
-
-/// What "before" is: with a finding, the stated model with its numbers re-estimated; else as it was stated.
-pub(super) fn before<'a>(d: &Diagnosis, fit: &'a RecordingFit, balance: usize) -> &'a [f64] {
-    let stated = d.verdict != Verdict::MissingPhysics;
-    let series = if stated { &fit.residual_nominal_n } else { &fit.residual_before_n };
-    series.get(balance).map_or(&[], Vec::as_slice)
-}
-
-pub(super) fn after(fit: &RecordingFit, balance: usize) -> &[f64] {
-    fit.residual_after_n.get(balance).map_or(&[], Vec::as_slice)
-}
-
 /// A series between two times, in pieces: nothing is drawn over rows that were not measured.
 fn drawn(fit: &RecordingFit, (class, values): (&'static str, &[f64]), x: [f64; 2]) -> Vec<Mark> {
     let rows: Vec<(bool, [f64; 2])> =
@@ -139,10 +93,6 @@ fn drawn(fit: &RecordingFit, (class, values): (&'static str, &[f64]), x: [f64; 2
         .filter(|points: &Vec<[f64; 2]>| points.len() > 1)
         .map(|points| Mark::Envelope { class, points })
         .collect()
-}
-
-pub(super) fn key(class: &str, text: &str) -> String {
-    format!("<span class=\"key\"><i class=\"{class}\"></i>{text}</span>")
 }
 
 fn hero(out: &mut String, d: &Diagnosis, p: Picked) {
@@ -261,32 +211,6 @@ fn finding_card(out: &mut String, d: &Diagnosis, f: &Finding) {
         significant(f.evidence, 3)
     );
     alternatives(out, f);
-}
-
-/// `stribeck_force_n` as `stribeck force`: the unit stands beside the value.
-pub(super) fn without_unit(name: &str) -> String {
-    const UNITS: [&str; 17] = [
-        "_n_s2_m2",
-        "_nm_s_rad",
-        "_kg_m2",
-        "_kg",
-        "_nm_a",
-        "_n_s_m",
-        "_n_m3",
-        "_n_m",
-        "_rad_s",
-        "_m_s",
-        "_per_rev",
-        "_rad",
-        "_hz",
-        "_n",
-        "_m",
-        "_s",
-        "_a",
-    ];
-    let name = name.split_once('.').map_or_else(|| name.to_owned(), |(law, key)| format!("{law}_{key}"));
-    let bare = UNITS.iter().find_map(|u| name.strip_suffix(u)).filter(|b| !b.is_empty()).unwrap_or(&name);
-    spoken(bare)
 }
 
 /// Enough digits to show the interval's half width with two.

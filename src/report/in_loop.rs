@@ -1,7 +1,7 @@
 //! The proof in simulation on the page: what the models would have told the drive, beside what it was told.
 
-use super::html::{key, spoken};
-use super::page::{engineering, significant};
+use super::naming::spoken;
+use super::page::{engineering, key, significant};
 use super::plot::{Axis, Figure, Mark, escape, range_of};
 use crate::diagnosis::{ClosedLoop, Diagnosis, SimulatedTrial};
 use std::fmt::Write as _;

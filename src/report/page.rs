@@ -105,6 +105,13 @@ footer{margin-top:36px;border-top:1px solid var(--rule);padding-top:12px;color:v
 @media print{body{background:#fff}.card{break-inside:avoid}}
 ";
 
+pub(super) fn key(class: &str, text: &str) -> String {
+    format!("<span class=\"key\"><i class=\"{class}\"></i>{text}</span>")
+}
+
+/// Rows of a table that the page shows: those that a model gets wrong, or misses most, come first.
+pub(super) const SHOWN_ROWS: usize = 40;
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -1,9 +1,10 @@
 //! Where a mismatch sits: the residual over position, velocity, one period, travel since reversal, frequency.
 
-use super::html::{Picked, after, before, spoken};
 use super::maps::{Bin, amplitude_density, binned, since_reversal};
+use super::naming::spoken;
 use super::page::{engineering, significant};
 use super::plot::{Axis, Figure, Mark, escape, range_of};
+use super::residual_series::{Picked, after, before};
 use super::words::{in_frequency, place_of};
 use crate::diagnosis::{Diagnosis, RecordingFit};
 use std::fmt::Write as _;

@@ -1,7 +1,8 @@
 //! A diagnosis in the words of someone who builds the machine: one phrase an effect, one sentence a verdict.
 
-use super::html::{after, before, spoken, telling, without_unit};
+use super::naming::{spoken, without_unit};
 use super::page::{engineering, significant};
+use super::residual_series::{after, before, telling};
 use crate::diagnosis::{Correction, Diagnosis, Finding, Verdict};
 use crate::plant::effects::position_periodic_force::WAVELENGTH;
 use crate::plant::effects::{
