@@ -1,10 +1,9 @@
 //! Diagnosis jobs over HTTP.
 
-use super::events::next_header;
 use super::extract::{Asked, Body, Named};
+use super::paging::{next_header, page_size};
 use super::problem::{Problem, Refused};
 use super::reason::{Reason, ReasonBody};
-use super::recordings::page_size;
 use super::{Caller, Role, Site};
 use crate::service::{AcceptedScenario, BUDGET_S, BUDGETS_S, DiagnosisView};
 use axum::extract::State;

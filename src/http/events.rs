@@ -1,9 +1,9 @@
 //! The history over HTTP: pages, filters, CSV, acknowledging and silencing.
 
 use super::extract::{Asked, Body, Named};
+use super::paging::{next_header, page_size};
 use super::problem::{Problem, Refused};
 use super::reason::Reason;
-use super::recordings::page_size;
 use super::{Caller, Role, Site};
 use crate::service::{AuditRow, EventFilter, MAX_PAGE, clock};
 use crate::telemetry::{Event, EventKind, Severity};
@@ -218,11 +218,6 @@ pub(super) async fn list(
             ([(header::CONTENT_TYPE, PARQUET)], cursor(), bytes).into_response()
         }
     })
-}
-
-/// Where the body has no place for the cursor of the next page.
-pub(super) fn next_header(next: Option<HeaderValue>) -> HeaderMap {
-    next.into_iter().map(|v| (header::HeaderName::from_static("next-cursor"), v)).collect()
 }
 
 fn csv_text(events: &[EventView]) -> String {

@@ -11,6 +11,7 @@ mod events;
 mod extract;
 mod idempotency;
 mod page;
+mod paging;
 mod problem;
 mod read;
 mod reason;
@@ -25,8 +26,7 @@ mod watchful;
 
 pub use access::{Access, Caller};
 pub use events::EventView;
-pub use problem::{FieldError, Problem};
-pub use read::CheckView;
+pub use problem::{CheckView, FieldError, Problem};
 pub use secrets::holds_token;
 pub use server::{TlsError, serve, tls_acceptor};
 pub use token_file::{Role, TokenFileError, new_token, token_names};

@@ -1,7 +1,6 @@
 //! Every refusal leaves as `application/problem+json` (RFC 9457) with a stable code.
 
-use super::read::CheckView;
-use crate::service::{OperationError, Refusal};
+use crate::service::{Check, OperationError, Refusal};
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
@@ -217,5 +216,22 @@ impl From<OperationError> for Problem {
                 Self::new(StatusCode::SERVICE_UNAVAILABLE, "recordings_unavailable", detail).retry_after(5)
             }
         }
+    }
+}
+
+/// One condition of readiness.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
+pub struct CheckView {
+    /// `samples`, `store` or `pipeline`.
+    pub name: String,
+    /// As it should be.
+    pub ok: bool,
+    /// What is seen.
+    pub detail: String,
+}
+
+impl From<Check> for CheckView {
+    fn from(check: Check) -> Self {
+        Self { name: check.name.to_owned(), ok: check.ok, detail: check.detail }
     }
 }

@@ -1,10 +1,10 @@
 //! What is happening now, the configuration, health and metrics.
 
 use super::extract::Asked;
-use super::problem::{Problem, Refused};
+use super::problem::{CheckView, Problem, Refused};
 use super::{Site, access::Caller};
 use crate::service::live::{AxisView, LiveState, SpectrumView};
-use crate::service::{Check, CommissioningView, LONGEST_S, PastView, stability};
+use crate::service::{CommissioningView, LONGEST_S, PastView, stability};
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -125,17 +125,6 @@ pub(super) async fn healthz() -> &'static str {
     "alive\n"
 }
 
-/// One condition of readiness.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, ToSchema)]
-pub struct CheckView {
-    /// `samples`, `store` or `pipeline`.
-    pub name: String,
-    /// As it should be.
-    pub ok: bool,
-    /// What is seen.
-    pub detail: String,
-}
-
 /// All is as it should be.
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct Readiness {
@@ -143,12 +132,6 @@ pub(super) struct Readiness {
     ready: bool,
     /// Each condition.
     checks: Vec<CheckView>,
-}
-
-impl From<Check> for CheckView {
-    fn from(check: Check) -> Self {
-        Self { name: check.name.to_owned(), ok: check.ok, detail: check.detail }
-    }
 }
 
 /// Ready: samples are fresh, the history can be written, the pipeline runs.

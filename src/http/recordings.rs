@@ -1,7 +1,7 @@
 //! Black-box recordings over HTTP.
 
-use super::events::next_header;
 use super::extract::{Asked, Body, Named};
+use super::paging::{next_header, page_size};
 use super::problem::{Problem, Refused};
 use super::reason::ReasonBody;
 use super::{Caller, Role, Site};
@@ -29,18 +29,6 @@ pub(super) struct RecordingQuery {
     limit: Option<usize>,
     /// Only those whose name begins with this word, for example `chatter_onset`.
     kind: Option<String>,
-}
-
-/// Most entries of a page of recordings or diagnoses.
-pub(super) const PAGE: usize = 1000;
-
-/// Entries a page. Errors: none or too many are asked for.
-pub(super) fn page_size(asked: Option<usize>) -> Result<usize, Problem> {
-    match asked.unwrap_or(PAGE) {
-        limit @ 1..=PAGE => Ok(limit),
-        _ => Err(Problem::bad_request("invalid_query", "limit is not what was expected")
-            .with_field("query/limit", "expected 1 to 1000")),
-    }
 }
 
 /// Stored recordings, newest first. A page that is not the last carries the header `next-cursor`.
