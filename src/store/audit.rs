@@ -1,12 +1,8 @@
 //! The audit chain: each row's hash covers the row before it.
 
 use super::StoreError;
-use super::mark::{Found, Mark, Missing};
 use sha2::{Digest as _, Sha256};
-use sqlx::sqlite::SqliteConnectOptions;
-use sqlx::{Connection as _, Row as _, SqliteConnection};
-use std::io::{Error, ErrorKind};
-use std::path::Path;
+use sqlx::{Row as _, SqliteConnection};
 
 /// A write that somebody made or was refused.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -30,34 +26,6 @@ pub struct AuditRow {
     pub sequence: i64,
     /// What it says.
     pub entry: AuditEntry,
-}
-
-/// What verification found.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum AuditVerdict {
-    /// All rows follow from one another; the head is the hash of the last.
-    Intact {
-        /// Number of rows.
-        rows: i64,
-        /// Hash of the last row, hexadecimal; keep it elsewhere to notice a cut tail.
-        head: String,
-        /// What rows of the chain say of rows that went missing before them.
-        cuts: Vec<String>,
-        /// What is wrong with the notes beside the file of how far it was durable; two where nobody knows.
-        spoilt_notes: Vec<String>,
-    },
-    /// The first row that does not follow from the one before it.
-    Broken {
-        /// Its place.
-        sequence: i64,
-    },
-    /// All rows follow from one another, but the head that was noted earlier is not among them.
-    HeadMissing {
-        /// Number of rows.
-        rows: i64,
-    },
-    /// All rows follow from one another, but the service had noted more, or others, outside of the file.
-    Cut(Missing),
 }
 
 /// SHA-256 over the previous hash and each field with its length, so that no two rows read the same.
@@ -111,12 +79,14 @@ pub(super) async fn hash_at(
 /// Action of the row that says that durable ones are missing.
 pub(super) const CUT: &str = "history_cut";
 /// Action of the row that says that older ones were removed.
-const PRUNED: &str = "audit_pruned";
+pub(super) const PRUNED: &str = "audit_pruned";
 /// Rows removed at once.
 const PRUNE_ROWS: i64 = 10_000;
 
 /// Last row that was removed and its hash, where the retention removed any.
-async fn chain_begin(connection: &mut SqliteConnection) -> Result<Option<(i64, Vec<u8>)>, sqlx::Error> {
+pub(super) async fn chain_begin(
+    connection: &mut SqliteConnection,
+) -> Result<Option<(i64, Vec<u8>)>, sqlx::Error> {
     let exists = "SELECT count(*) FROM sqlite_master WHERE name = 'audit_begin'";
     let count: i64 = sqlx::query(exists).fetch_one(&mut *connection).await?.try_get(0)?;
     if count == 0 {
@@ -162,7 +132,7 @@ pub(super) async fn prune(
     Ok(removed.rows_affected())
 }
 
-fn row(row: &sqlx::sqlite::SqliteRow) -> Result<(AuditRow, Vec<u8>), sqlx::Error> {
+pub(super) fn row(row: &sqlx::sqlite::SqliteRow) -> Result<(AuditRow, Vec<u8>), sqlx::Error> {
     let entry = AuditEntry {
         wall_ns: row.try_get("wall_ns")?,
         actor: row.try_get("actor")?,
@@ -173,72 +143,8 @@ fn row(row: &sqlx::sqlite::SqliteRow) -> Result<(AuditRow, Vec<u8>), sqlx::Error
     Ok((AuditRow { sequence: row.try_get("sequence")?, entry }, row.try_get("hash")?))
 }
 
-const SELECT: &str = "SELECT sequence, wall_ns, actor, role, action, detail, hash FROM audit \
+pub(super) const SELECT: &str = "SELECT sequence, wall_ns, actor, role, action, detail, hash FROM audit \
      WHERE sequence > ? ORDER BY sequence LIMIT 1000";
-
-/// Reads the whole chain of a history file and says where it breaks, if it does. `noted`: a head of
-/// earlier, which must be among the rows: a chain whose end was cut off is intact in itself. The mark beside
-/// the file is compared, too, also where there is no file, or nothing in it.
-/// Errors: no file is there and no mark, or it cannot be read.
-pub async fn verify_audit_file(path: &Path, noted: Option<&str>) -> Result<AuditVerdict, StoreError> {
-    let fail = |source| StoreError::Database { path: path.to_owned(), source };
-    // Before the rows: the service may be writing.
-    let Found { mark, spoilt: spoilt_notes } = Mark::read(path);
-    if !path.is_file() {
-        let what = "no history there; expected the history.folder of a service that has run";
-        let absent =
-            || StoreError::Files { path: path.to_owned(), source: Error::new(ErrorKind::NotFound, what) };
-        return mark.map(|mark| AuditVerdict::Cut(mark.all_missing())).ok_or_else(absent);
-    }
-    let connect =
-        SqliteConnection::connect_with(&SqliteConnectOptions::new().filename(path).read_only(true)).await;
-    let mut connection = connect.map_err(fail)?;
-    if let Some(mark) = &mark {
-        let table = sqlx::query("SELECT 1 FROM sqlite_schema WHERE name = 'audit'");
-        if table.fetch_optional(&mut connection).await.map_err(fail)?.is_none() {
-            return Ok(AuditVerdict::Cut(mark.all_missing()));
-        }
-    }
-    let begin = chain_begin(&mut connection).await.map_err(fail)?;
-    let (mut last, mut previous) = begin.clone().unwrap_or_default();
-    // Where older rows were removed, a row of the chain says so.
-    let (mut noted_seen, mut begin_seen) = (noted.is_none(), begin.is_none());
-    let mut cuts = Vec::new();
-    loop {
-        let rows = sqlx::query(SELECT).bind(last).fetch_all(&mut connection).await.map_err(fail)?;
-        if rows.is_empty() {
-            break;
-        }
-        for r in &rows {
-            let (found, hash) = row(r).map_err(fail)?;
-            let follows =
-                found.sequence == last + 1 && chain_hash(&previous, found.sequence, &found.entry) == hash;
-            if !follows {
-                return Ok(AuditVerdict::Broken { sequence: found.sequence });
-            }
-            begin_seen = begin_seen
-                || found.entry.action == PRUNED
-                    && begin.as_ref().is_some_and(|(_, h)| found.entry.detail.ends_with(&hex(h)));
-            noted_seen = noted_seen || noted.is_some_and(|n| n.eq_ignore_ascii_case(&hex(&hash)));
-            if found.entry.action == CUT {
-                cuts.push(format!("row {}: {}", found.sequence, found.entry.detail));
-            }
-            (last, previous) = (found.sequence, hash);
-        }
-    }
-    if !begin_seen {
-        return Ok(AuditVerdict::Broken { sequence: begin.map_or(1, |(sequence, _)| sequence + 1) });
-    }
-    if !noted_seen {
-        return Ok(AuditVerdict::HeadMissing { rows: last });
-    }
-    if let Some(mark) = mark
-        && let Some(missing) = mark.missing(&mut connection).await.map_err(fail)?
-    {
-        return Ok(AuditVerdict::Cut(missing));
-    }
-    Ok(AuditVerdict::Intact { rows: last, head: hex(&previous), cuts, spoilt_notes })
-}
 
 pub(super) fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|b| format!("{b:02x}")).collect()

@@ -6,6 +6,7 @@
 
 mod ahead;
 mod audit;
+mod audit_verification;
 mod cuts;
 mod evidence;
 mod mark;
@@ -15,7 +16,8 @@ mod reserve;
 mod retention;
 mod writer;
 
-pub use audit::{AuditEntry, AuditRow, AuditVerdict, verify_audit_file};
+pub use audit::{AuditEntry, AuditRow};
+pub use audit_verification::{AuditVerdict, verify_audit_file};
 pub use cuts::PastCut;
 pub use evidence::{Judged, Observation, Observer};
 pub use mark::Missing;

@@ -2,7 +2,7 @@
 
 use super::mark::{Found, Mark, Missing};
 use super::query::COLUMNS;
-use super::{StoreError, code_of, mark, options, reserve};
+use super::{StoreError, StoreReader, code_of, mark, options, reserve};
 use crate::ownership::{existing_file, let_owner_write, own_file};
 use sqlx::migrate::{Migration, MigrationType, Migrator};
 use sqlx::{Connection as _, Row as _, SqlSafeStr as _, SqliteConnection};
@@ -206,6 +206,15 @@ pub(super) async fn check_whole(connection: &mut SqliteConnection) -> Result<(),
         return Ok(());
     }
     Err(sqlx::Error::Protocol(format!("{QUICK_CHECK}: {}", verdict.replace('\n', "; "))))
+}
+
+impl StoreReader {
+    /// Reads every page of the file; the next start checks it again where this finds damage.
+    /// Errors: damage, or no access.
+    pub async fn check_whole(&self) -> Result<(), StoreError> {
+        let mut connection = self.pool.acquire().await.map_err(|e| self.error(e))?;
+        check_whole(&mut connection).await.map_err(|e| self.error(e))
+    }
 }
 
 /// Whether the file is empty and was not always: its log, a reserve or recordings tell of an earlier life.

@@ -150,13 +150,6 @@ impl StoreReader {
         row.map(|r| r.try_get(0)).transpose().map_err(|e| self.error(e))
     }
 
-    /// Reads every page of the file; the next start checks it again where this finds damage.
-    /// Errors: damage, or no access.
-    pub async fn check_whole(&self) -> Result<(), StoreError> {
-        let mut connection = self.pool.acquire().await.map_err(|e| self.error(e))?;
-        super::open::check_whole(&mut connection).await.map_err(|e| self.error(e))
-    }
-
     /// How far a sink outside has confirmed, and how many events stand above. Errors: the database's.
     pub async fn outbox(&self, sink: &str) -> Result<(i64, i64), StoreError> {
         let confirmed = "SELECT coalesce((SELECT confirmed FROM outbox WHERE sink = ?), 0)";
