@@ -1,7 +1,9 @@
 //! `stillcut diagnose`.
 
 use super::bad_input;
+use super::diagnose_arguments::Arguments;
 use super::gated::{Checked, read_checked};
+use super::progress::with_progress;
 use crate::config::machine::read_machine;
 use crate::diagnosis::{DiagnoseError, DiagnoseOptions, Progress, diagnose_with};
 use crate::gate::{Action, Fault, Gated};
@@ -9,41 +11,8 @@ use crate::recording::write_whole;
 use crate::report::diagnosis::write;
 use crate::report::faults::FaultOf;
 use crate::report::html::{ReportContext, diagnosis_page};
-use indicatif::{ProgressBar, ProgressStyle};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
-
-/// Says what physics a machine model, or the scenario of a cut, leaves out.
-///
-/// Example: stillcut diagnose --scenario lathe.toml --recording entry.parquet --cuts cuts.csv --out answer
-#[derive(clap::Args)]
-pub(super) struct Arguments {
-    /// The machine's model: what does the drive leave out?
-    #[arg(long, conflicts_with = "scenario", required_unless_present = "scenario")]
-    model: Option<PathBuf>,
-    /// The scenario of a cut: what does the cut leave out?
-    #[arg(long)]
-    scenario: Option<PathBuf>,
-    /// A recording of the machine; may be given several times.
-    #[arg(long = "recording")]
-    pub(super) recordings: Vec<PathBuf>,
-    /// A table of cuts (stillcut.cuts/1, Parquet or CSV), beside the recordings or instead of them.
-    #[arg(long, requires = "scenario")]
-    pub(super) cuts: Option<PathBuf>,
-    /// Folder for diagnosis.json, report.html, model.toml (scenario.toml) and the contributions.
-    #[arg(long)]
-    pub(super) out: PathBuf,
-    /// Seconds within which the answer stands: work is counted, so a busy machine answers later, not
-    /// differently.
-    #[arg(long, value_name = "S", default_value_t = 60.0)]
-    pub(super) budget_s: f64,
-    /// Print the smallest set of cuts that would tell the alternatives apart.
-    #[arg(long, requires = "scenario")]
-    pub(super) plan: bool,
-    /// Write lines `progress SHARE WHAT` to standard error, for programs that watch.
-    #[arg(long)]
-    pub(super) progress: bool,
-}
 
 pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     if !(arguments.budget_s.is_finite() && arguments.budget_s > 0.0) {
@@ -55,25 +24,6 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
         (Some(model), None) => run_drive(&arguments, model),
         (None, None) => Err(bad_input("expected --model or --scenario")),
     }
-}
-
-/// Runs `work` with a bar on a terminal, and lines for a program that watches.
-pub(super) fn with_progress<T>(lines: bool, work: impl FnOnce(Progress<'_>) -> T) -> T {
-    let bar = ProgressBar::new(100); // drawn on a terminal only
-    if let Ok(style) = ProgressStyle::with_template("{bar:30} {percent:>3} % {msg}") {
-        bar.set_style(style);
-    }
-    let progress = |share: f64, what: &str| {
-        bar.set_position((100.0 * share) as u64);
-        bar.set_message(what.to_owned());
-        if lines {
-            // Whoever watched may have gone; the diagnosis goes on.
-            let _ = writeln!(std::io::stderr(), "progress {share:.3} {what}");
-        }
-    };
-    let out = work(&progress);
-    bar.finish_and_clear();
-    out
 }
 
 fn run_drive(arguments: &Arguments, model: &Path) -> anyhow::Result<()> {
@@ -130,8 +80,4 @@ fn run_drive(arguments: &Arguments, model: &Path) -> anyhow::Result<()> {
     let context = ReportContext { machine: machine.name.clone(), files, faults };
     write_whole(&arguments.out.join("report.html"), diagnosis_page(&diagnosis, &context).as_bytes())?;
     Ok(())
-}
-
-pub(super) fn name(path: &Path) -> String {
-    path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned())
 }

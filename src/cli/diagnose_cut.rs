@@ -1,8 +1,9 @@
 //! `stillcut diagnose --scenario`: what physics of the cut the scenario leaves out.
 
 use super::bad_input;
-use super::diagnose::{Arguments, name, with_progress};
+use super::diagnose_arguments::Arguments;
 use super::gated::{Checked, read_checked};
+use super::progress::with_progress;
 use crate::config::scenario::read_scenario;
 use crate::diagnosis::Verdict;
 use crate::diagnosis::cut::input::{CutEvidence, CutRecording, CutTable};
@@ -100,4 +101,8 @@ fn print_plan(diagnosis: &CutDiagnosis) -> anyhow::Result<()> {
         )?;
     }
     Ok(())
+}
+
+fn name(path: &Path) -> String {
+    path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned())
 }

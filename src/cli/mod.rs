@@ -10,6 +10,7 @@ mod conceal;
 #[cfg(feature = "service")]
 mod demo;
 mod diagnose;
+mod diagnose_arguments;
 mod diagnose_cut;
 mod force;
 mod gated;
@@ -21,6 +22,7 @@ mod man;
 mod pitch;
 mod print_config;
 mod print_model;
+mod progress;
 mod replay;
 mod resolution;
 #[cfg(feature = "service")]
@@ -64,7 +66,7 @@ enum Command {
     Import(import::Arguments),
     Pitch(pitch::Arguments),
     Stability(stability::Arguments),
-    Diagnose(diagnose::Arguments),
+    Diagnose(diagnose_arguments::Arguments),
     Conceal(conceal::Arguments),
     Campaign(campaign::Arguments),
     PrintConfig(print_config::Arguments),
