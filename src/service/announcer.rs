@@ -1,7 +1,7 @@
 //! Tells events: log and counter at once, history first, then listeners, in the order of the history.
 
 use super::control::Control;
-use super::handle::StreamMessage;
+use super::live::StreamMessage;
 use crate::store::{PastCut, StoreError, StoreWriter};
 use crate::telemetry::{Event, Metrics};
 use std::sync::Arc;

@@ -3,7 +3,6 @@
 use super::control::Origin;
 use super::diagnoses::{Diagnoses, DiagnosisView, JobState, Subject};
 use super::handle::{Handle, OperationError};
-use super::start::stream_axes;
 use crate::config::service::ServiceConfig;
 use crate::telemetry::EventKind;
 
@@ -13,7 +12,7 @@ pub(super) fn diagnoses_of(config: &ServiceConfig) -> Diagnoses {
     let folder = config.history.folder.join("diagnoses");
     #[cfg(feature = "nats")]
     if let Some(fleet) = config.fleet.as_ref().filter(|f| f.diagnose) {
-        return Diagnoses::by_workers(&folder, program, super::start::broker_of(fleet));
+        return Diagnoses::by_workers(&folder, program, super::fleet::Broker::of(fleet));
     }
     Diagnoses::new(&folder, program)
 }
@@ -108,4 +107,9 @@ impl Handle {
         self.record_outcome(origin, "start_diagnosis", &format!("{what}: queued as {}", added.id)).await;
         Ok(added)
     }
+}
+
+/// Axes that get their series before the first sample.
+pub(super) fn stream_axes(config: &ServiceConfig) -> Vec<String> {
+    config.machine.axes.iter().map(|a| a.name.clone()).collect()
 }

@@ -5,10 +5,10 @@ use super::clock;
 use super::commissioning::{Commissioning, CommissioningView};
 use super::control::{Control, ModeNow, Origin, Refusal};
 use super::diagnoses::Diagnoses;
-use super::live::{LiveState, Mode, SpectrumView};
+use super::live::{LiveState, Mode, SpectrumView, StreamMessage};
 use super::past::Past;
 use super::recordings::{RecordingInfo, Recordings, RecordingsError};
-use super::stability::CurveCache;
+use super::stability::{CurveCache, StabilityCurve};
 use super::way_back::WayBack;
 use crate::avoidance::pitch::is_same_pitch;
 use crate::config::service::ServiceConfig;
@@ -22,17 +22,6 @@ use std::time::Duration;
 use thiserror::Error;
 use tokio::sync::{broadcast, mpsc, oneshot, watch};
 use tokio_util::sync::CancellationToken;
-
-/// One message of the live stream, rendered once for all listeners.
-#[derive(Debug, Clone)]
-pub struct StreamMessage {
-    /// Place in the history, for messages that can be resumed from.
-    pub id: Option<i64>,
-    /// `state`, `force`, `spectrum` or `event`.
-    pub kind: &'static str,
-    /// JSON.
-    pub data: Arc<str>,
-}
 
 /// Why an operation was not done.
 #[derive(Debug, Error)]
@@ -173,6 +162,13 @@ impl Handle {
     #[must_use]
     pub fn state(&self) -> Arc<LiveState> {
         Arc::clone(&self.0.state.borrow())
+    }
+
+    /// Stability over the pitch for the present speed of the spindle.
+    /// Errors: no speed, or no cut that has a curve.
+    pub async fn stability(&self) -> Result<StabilityCurve, OperationError> {
+        let speed_rpm = self.state().source.spindle_speed_rpm;
+        self.0.curves.at(&self.0.settings, speed_rpm).await.map_err(OperationError::Unsuitable)
     }
 
     /// Where commissioning stands.

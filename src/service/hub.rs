@@ -6,8 +6,7 @@
 
 use super::announcer::{Announcer, Then};
 use super::clock;
-use super::handle::StreamMessage;
-use super::live::{LiveState, NOTICE, SpectrumView};
+use super::live::{LiveState, NOTICE, SpectrumView, StreamMessage, level};
 use super::past::{Past, Seen};
 use super::upkeep::Kept;
 use crate::store::PastCut;
@@ -59,13 +58,6 @@ struct SpectrumFrame {
     step_hz: f64,
     /// Base64 of one byte a bin: `2 * (20 log10(amplitude / 1 N) + 80)`, cut to 0..255.
     levels: String,
-}
-
-/// The level byte of an amplitude: half decibels above -80 dB re 1 N.
-#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-pub(super) fn level(amplitude_n: f64) -> u8 {
-    let decibel = 20.0 * amplitude_n.max(1e-9).log10();
-    (2.0 * (decibel + 80.0)).clamp(0.0, 255.0) as u8
 }
 
 fn spectrum_frame(view: &SpectrumView) -> SpectrumFrame {
@@ -181,18 +173,4 @@ impl Hub {
 
 fn depth(reports: &mpsc::Receiver<Report>) -> i64 {
     i64::try_from(reports.len()).unwrap_or(i64::MAX)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::level;
-
-    #[test]
-    fn levels_are_half_decibels_above_a_tenth_of_a_millinewton() {
-        assert_eq!(level(1.0), 160);
-        assert_eq!(level(10.0), 200);
-        assert_eq!(level(1e-4), 0);
-        assert_eq!(level(0.0), 0);
-        assert_eq!(level(1e6), 255);
-    }
 }

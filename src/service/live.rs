@@ -1,6 +1,7 @@
 //! What is shown of the running service: the shapes that the API and the page see.
 
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 use utoipa::ToSchema;
 
 /// How far the service may go.
@@ -218,3 +219,35 @@ pub struct SpectrumView {
 /// What is said of the project on every surface.
 pub const NOTICE: &str = "Advice to the motion controller; not a safety function. \
     The machine must be safe with any output of this program.";
+
+/// One message of the live stream, rendered once for all listeners.
+#[derive(Debug, Clone)]
+pub struct StreamMessage {
+    /// Place in the history, for messages that can be resumed from.
+    pub id: Option<i64>,
+    /// `state`, `force`, `spectrum` or `event`.
+    pub kind: &'static str,
+    /// JSON.
+    pub data: Arc<str>,
+}
+
+/// The level byte of an amplitude: half decibels above -80 dB re 1 N.
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+pub(super) fn level(amplitude_n: f64) -> u8 {
+    let decibel = 20.0 * amplitude_n.max(1e-9).log10();
+    (2.0 * (decibel + 80.0)).clamp(0.0, 255.0) as u8
+}
+
+#[cfg(test)]
+mod tests {
+    use super::level;
+
+    #[test]
+    fn levels_are_half_decibels_above_a_tenth_of_a_millinewton() {
+        assert_eq!(level(1.0), 160);
+        assert_eq!(level(10.0), 200);
+        assert_eq!(level(1e-4), 0);
+        assert_eq!(level(0.0), 0);
+        assert_eq!(level(1e6), 255);
+    }
+}

@@ -1,8 +1,8 @@
 //! What the page was not open for: spectra and forces of the last seconds, and of hours by the second.
-//! [`super::past_file`] keeps the seconds over a restart.
+//! `past_file` keeps the seconds over a restart.
 
 use super::clock;
-use super::hub::level;
+use super::live::level;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use serde::{Deserialize, Serialize};

@@ -1,7 +1,6 @@
 //! Stability over the pitch angle difference, for the bar and cut of the configuration at the speed
 //! that the spindle turns now.
 
-use super::handle::{Handle, OperationError};
 use crate::config::service::ServiceConfig;
 use crate::plant::scenario::{RawScenario, Scenario};
 use crate::stability::{Grid, GridRange};
@@ -32,8 +31,8 @@ pub struct StabilityCurve {
 }
 
 /// The last curve; one speed at a time is enough.
-#[derive(Debug, Clone, Default)]
-pub(super) struct CurveCache(Arc<Mutex<Option<Arc<StabilityCurve>>>>);
+#[derive(Debug, Default)]
+pub(super) struct CurveCache(Mutex<Option<Arc<StabilityCurve>>>);
 
 /// The curve of a configuration at a speed. Errors: one line why there is none.
 fn curve(config: &ServiceConfig, speed_rpm: f64) -> Result<StabilityCurve, String> {
@@ -52,21 +51,24 @@ fn curve(config: &ServiceConfig, speed_rpm: f64) -> Result<StabilityCurve, Strin
     })
 }
 
-impl Handle {
-    /// The curve for the present speed; computed once for each speed.
-    /// Errors: no speed, or no cut that has a curve.
-    pub async fn stability(&self) -> Result<StabilityCurve, OperationError> {
-        let heard = self.state().source.spindle_speed_rpm.filter(|s| s.is_finite() && *s >= SPEED_STEP_RPM);
+impl CurveCache {
+    /// The curve for the speed of the spindle that was heard last; computed once for each speed.
+    /// Errors: one line why there is none.
+    pub(super) async fn at(
+        &self,
+        config: &Arc<ServiceConfig>,
+        spindle_speed_rpm: Option<f64>,
+    ) -> Result<StabilityCurve, String> {
+        let heard = spindle_speed_rpm.filter(|s| s.is_finite() && *s >= SPEED_STEP_RPM);
         let speed_rpm = (heard.unwrap_or(DEFAULT_SPEED_RPM) / SPEED_STEP_RPM).round() * SPEED_STEP_RPM;
-        let cache = self.0.curves.clone();
-        let cached = cache.0.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let cached = self.0.lock().unwrap_or_else(PoisonError::into_inner).clone();
         if let Some(known) = cached.filter(|c| c.spindle_speed_rpm.to_bits() == speed_rpm.to_bits()) {
             return Ok((*known).clone());
         }
-        let config = Arc::clone(&self.0.settings);
+        let config = Arc::clone(config);
         let made = tokio::task::spawn_blocking(move || curve(&config, speed_rpm)).await;
-        let made = made.map_err(|e| e.to_string()).and_then(|c| c).map_err(OperationError::Unsuitable)?;
-        *cache.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(Arc::new(made.clone()));
+        let made = made.map_err(|e| e.to_string()).and_then(|c| c)?;
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(Arc::new(made.clone()));
         Ok(made)
     }
 }

@@ -3,19 +3,18 @@
 use super::announcer::{Announcer, Then};
 use super::commissioning::{Commissioning, state_of};
 use super::control::Control;
-use super::diagnosis_jobs::{diagnoses_of, run_diagnoses};
+use super::diagnosis_jobs::{diagnoses_of, run_diagnoses, stream_axes};
 use super::first_entries::FirstEntries;
-use super::handle::{Handle, Inner, ShownConfig, StreamMessage};
+use super::handle::{Handle, Inner, ShownConfig};
 use super::hub::{Hub, Outlets};
-use super::live::{LiveState, SpectrumView, StoreView};
+use super::live::{LiveState, SpectrumView, StoreView, StreamMessage};
 use super::past::Past;
-use super::past_file;
 use super::recordings::{RecordingLimits, Recordings, RecordingsError};
 use super::stability::CurveCache;
 use super::store_watch::StoreWatch;
 use super::upkeep::{CommissioningUpkeep, History, Kept, Upkeep, file_id};
 use super::way_back::WayBack;
-use super::{clock, drift, engine, mtconnect, recorder};
+use super::{clock, drift, engine, mtconnect, past_file, recorder};
 use crate::config::service::ServiceConfig;
 use crate::http::{Access, TlsError, TokenFileError, router, serve, tls_acceptor};
 use crate::ownership::{own_folder, own_lock};
@@ -164,11 +163,6 @@ fn worker(name: &str, begins: fn()) -> Result<tokio::runtime::Runtime, ServiceEr
     built.map_err(|source| ServiceError::Files { path: format!("thread {name}").into(), source })
 }
 
-/// Axes that get their series before the first sample.
-pub(super) fn stream_axes(config: &ServiceConfig) -> Vec<String> {
-    config.machine.axes.iter().map(|a| a.name.clone()).collect()
-}
-
 /// How often the lock is asked for again.
 const LOCK_TRIES: usize = 15;
 /// Pause before each time.
@@ -290,7 +284,8 @@ impl Parts {
         self.runtime.spawn(run_diagnoses(handle.clone()));
         #[cfg(feature = "nats")]
         if let Some(fleet) = &config.fleet {
-            let sink = super::fleet::run(handle.clone(), broker_of(fleet), fleet.machine.clone());
+            let sink =
+                super::fleet::run(handle.clone(), super::fleet::Broker::of(fleet), fleet.machine.clone());
             self.runtime.spawn(sink);
         }
         if let Some(listener) = agents {
@@ -459,11 +454,6 @@ async fn refresh_tokens(access: Arc<Access>, handle: Handle) {
 
 fn recording_limits(config: &ServiceConfig) -> RecordingLimits {
     RecordingLimits { max_bytes: config.recorder.max_bytes, max_age_ns: config.recorder.max_age_ns }
-}
-
-#[cfg(feature = "nats")]
-pub(super) fn broker_of(fleet: &crate::config::service::FleetConfig) -> super::fleet::Broker {
-    super::fleet::Broker { server: fleet.server.clone(), credentials: fleet.credentials.clone() }
 }
 
 /// SHA-256 of what evidence is gathered with: the model, the method, the detection and the turret, but not

@@ -15,6 +15,7 @@ pub(super) use jobs::diagnose;
 pub use jobs::work;
 pub(super) use outbox::run;
 
+use crate::config::service::FleetConfig;
 use async_nats::jetstream::stream::{Config as StreamConfig, RetentionPolicy};
 use async_nats::jetstream::{Context, object_store};
 use std::path::PathBuf;
@@ -71,6 +72,11 @@ fn one_line(text: &str) -> String {
 }
 
 impl Broker {
+    /// The one that the configuration names.
+    pub(super) fn of(fleet: &FleetConfig) -> Self {
+        Self { server: fleet.server.clone(), credentials: fleet.credentials.clone() }
+    }
+
     /// User and password, where a file is named.
     fn pair(&self) -> Result<Option<(String, String)>, BrokerError> {
         let fail = |reason: String| BrokerError::Connect { server: self.server.clone(), reason };
