@@ -229,7 +229,7 @@ fn draw(seed: u64, arguments: &Arguments, concealed: &[hidden::Effect]) -> anyho
 }
 
 /// Bar and cut as an operator states them: lengths as they are, the rest nominal.
-fn stated(scenario: &Scenario) -> Result<Scenario, crate::plant::workpiece::ScenarioError> {
+fn stated(scenario: &Scenario) -> Result<Scenario, crate::plant::scenario_error::ScenarioError> {
     let (bar, cut) = (scenario.workpiece.raw(), scenario.cutting.raw());
     Scenario::new(&RawScenario {
         workpiece: RawWorkpiece {

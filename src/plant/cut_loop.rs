@@ -10,8 +10,7 @@
 //! of contact, no flank limit; what varies over a turn enters with its mean.
 
 use super::cut_terms::{ChipMemory, CutTerms};
-use super::cutting::TwoDelay;
-use super::scenario::ToolCount;
+use super::cutting::{ToolCount, TwoDelay};
 use nalgebra::Complex;
 use std::f64::consts::{PI, TAU};
 

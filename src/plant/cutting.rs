@@ -6,10 +6,9 @@
 //! one side, or of flexible tools, has minus signs and other stable windows.
 //!
 //! What it leaves out: loss of contact, the flank that stops growing chatter, and whatever a scenario states
-//! beyond the structure; [`super::cut_loop`] is the linear equation with all of it.
+//! beyond the structure; `cut_loop` is the linear equation with all of it.
 
-use super::scenario::Scenario;
-use super::workpiece::{Rule, ScenarioError, checked};
+use super::scenario_error::{Rule, ScenarioError, checked};
 use nalgebra::Complex;
 use std::f64::consts::PI;
 
@@ -127,25 +126,6 @@ impl TwoDelay {
         self.cutting_stiffness_n_m / self.stiffness_n_m
     }
 
-    /// The equation of a scenario as it stands.
-    #[must_use]
-    pub fn from_scenario(scenario: &Scenario) -> Self {
-        let bar = &scenario.workpiece;
-        let phi2 = bar.mode_shape(scenario.tools.position_m()).powi(2);
-        let turn_s = scenario.spindle.period_s();
-        let surface_speed_m_s = PI * bar.diameter_m() / turn_s;
-        let process = scenario.cutting.process_damping_n_s_m(surface_speed_m_s);
-        let [delay_1_s, delay_2_s] = delays_s(turn_s, scenario.tools.pitch_difference_rad());
-        Self {
-            mass_kg: bar.modal_mass_kg(),
-            damping_n_s_m: bar.modal_damping_n_s_m() + 2.0 * process * phi2,
-            stiffness_n_m: bar.modal_stiffness_n_m(),
-            cutting_stiffness_n_m: scenario.cutting.stiffness_n_m() * phi2,
-            delay_1_s,
-            delay_2_s,
-        }
-    }
-
     /// Left side of the equation at `s`, N/m; zero at a root.
     #[must_use]
     pub fn characteristic(&self, s: Complex<f64>) -> Complex<f64> {
@@ -173,6 +153,16 @@ pub fn delays_s(turn_s: f64, pitch_difference_rad: f64) -> [f64; 2] {
     [(PI - pitch_difference_rad / 2.0) * per_rad, (PI + pitch_difference_rad / 2.0) * per_rad]
 }
 
+/// How many tools cut.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum ToolCount {
+    /// Ordinary turning: one delay of a whole turn.
+    One,
+    /// Two opposed tools.
+    #[default]
+    Two,
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -182,12 +172,5 @@ mod tests {
         let [a, b] = delays_s(0.05, 0.1);
         assert!((a + b - 0.05).abs() < 1e-15);
         assert!((b - a - 0.05 * 0.1 / (2.0 * PI)).abs() < 1e-15);
-    }
-
-    #[test]
-    fn the_reference_cut() {
-        let equation = TwoDelay::from_scenario(&Scenario::default());
-        assert!((equation.cutting_stiffness_n_m - 500e3).abs() < 1e-6);
-        assert!((equation.in_cut_frequency_hz() - 646.0).abs() < 1.0);
     }
 }

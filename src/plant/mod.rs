@@ -9,4 +9,6 @@ pub mod drive;
 pub mod effects;
 pub mod machine;
 pub mod scenario;
+pub mod scenario_error;
+pub mod scenario_terms;
 pub mod workpiece;

@@ -1,22 +1,14 @@
 //! One parallel turning cut: bar, cut, spindle, tools (contracts, section 3). The virtual lathe, the
 //! stability map and the tests all start from it.
 
-use super::cut_effects::{Physics, PhysicsError};
-use super::cutting::{Cutting, RawCutting};
+use super::cut_effects::Physics;
+pub use super::cutting::ToolCount;
+use super::cutting::{Cutting, RawCutting, TwoDelay, delays_s};
 use super::effects::EffectKind;
-use super::workpiece::{RawWorkpiece, Rule, ScenarioError, Workpiece, checked};
+use super::scenario_error::{PhysicsError, Rule, ScenarioError, checked};
+use super::workpiece::{RawWorkpiece, Workpiece};
 use crate::units::SpindleSpeed;
 use std::f64::consts::PI;
-
-/// How many tools cut.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum ToolCount {
-    /// Ordinary turning: one delay of a whole turn.
-    One,
-    /// Two opposed tools.
-    #[default]
-    Two,
-}
 
 /// Where the tools stand and how they move.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -190,6 +182,27 @@ impl Default for Scenario {
     }
 }
 
+impl TwoDelay {
+    /// The equation of a scenario as it stands.
+    #[must_use]
+    pub fn from_scenario(scenario: &Scenario) -> Self {
+        let bar = &scenario.workpiece;
+        let phi2 = bar.mode_shape(scenario.tools.position_m()).powi(2);
+        let turn_s = scenario.spindle.period_s();
+        let surface_speed_m_s = PI * bar.diameter_m() / turn_s;
+        let process = scenario.cutting.process_damping_n_s_m(surface_speed_m_s);
+        let [delay_1_s, delay_2_s] = delays_s(turn_s, scenario.tools.pitch_difference_rad());
+        Self {
+            mass_kg: bar.modal_mass_kg(),
+            damping_n_s_m: bar.modal_damping_n_s_m() + 2.0 * process * phi2,
+            stiffness_n_m: bar.modal_stiffness_n_m(),
+            cutting_stiffness_n_m: scenario.cutting.stiffness_n_m() * phi2,
+            delay_1_s,
+            delay_2_s,
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -205,5 +218,12 @@ mod tests {
     fn tools_beyond_the_bar_are_refused() {
         let raw = RawScenario { position_m: Some(0.2), ..RawScenario::default() };
         assert!(Scenario::new(&raw).unwrap_err().to_string().starts_with("position_m = 0.2 is not physical"));
+    }
+
+    #[test]
+    fn the_reference_cut() {
+        let equation = TwoDelay::from_scenario(&Scenario::default());
+        assert!((equation.cutting_stiffness_n_m - 500e3).abs() < 1e-6);
+        assert!((equation.in_cut_frequency_hz() - 646.0).abs() < 1.0);
     }
 }

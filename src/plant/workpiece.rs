@@ -7,57 +7,11 @@
 //!
 //! It knows its mass, stiffness, damping and mode shape; it does not know that anything cuts it.
 
-use super::cut_effects::PhysicsError;
+use super::scenario_error::{Rule, ScenarioError, checked};
 use std::f64::consts::PI;
-use thiserror::Error;
 
 /// First root of `cos(x) cosh(x) = -1`: the wave number of a cantilever's first mode times its length.
 pub const FIRST_MODE_ROOT: f64 = 1.875_104_068_711_961;
-
-/// Why numbers do not describe a workpiece, a cut, a spindle or a tool position.
-#[derive(Debug, Clone, PartialEq, Error)]
-pub enum ScenarioError {
-    /// A value outside what is physical.
-    #[error("{name} = {value} is not physical: {expected}")]
-    NotPhysical {
-        /// Key.
-        name: &'static str,
-        /// Value given.
-        value: f64,
-        /// What was expected.
-        expected: &'static str,
-    },
-    /// An effect that is not physical, or contradicts what the scenario states.
-    #[error(transparent)]
-    Physics(#[from] PhysicsError),
-}
-
-/// Refuses a value outside `(low, high]` (or `[low, high]` with `low_included`).
-pub(super) fn checked(name: &'static str, value: f64, rule: Rule) -> Result<f64, ScenarioError> {
-    let (good, expected) = match rule {
-        Rule::Positive => (value > 0.0, "a finite number above zero"),
-        Rule::NotNegative => (value >= 0.0, "zero or a finite number above"),
-        Rule::Fraction => ((0.0..1.0).contains(&value), "zero or above and below one"),
-        Rule::Angle => ((0.0..1.5).contains(&value), "zero or above and below 1.5"),
-        Rule::Power => ((0.2..=2.0).contains(&value), "a number from 0.2 to 2"),
-        Rule::Finite => (true, "a finite number"),
-    };
-    if value.is_finite() && good {
-        Ok(value)
-    } else {
-        Err(ScenarioError::NotPhysical { name, value, expected })
-    }
-}
-
-#[derive(Debug, Clone, Copy)]
-pub(super) enum Rule {
-    Positive,
-    NotNegative,
-    Fraction,
-    Angle,
-    Power,
-    Finite,
-}
 
 /// What is known about a bar before it is checked. `Default` is the bar of the thesis' monitoring test.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -5,7 +5,7 @@ use super::root::{Root, rightmost_root_near};
 use crate::plant::cut_loop::{CutLoop, Resonance};
 use crate::plant::cut_terms::{CutCondition, CutTerms};
 use crate::plant::scenario::Scenario;
-use crate::plant::workpiece::ScenarioError;
+use crate::plant::scenario_error::ScenarioError;
 use crate::signal::dispatch::Fast;
 use thiserror::Error;
 

@@ -8,7 +8,7 @@ use crate::plant::cut_effects::{
 };
 use crate::plant::effects::EffectKind;
 use crate::plant::scenario::{RawScenario, Scenario};
-use crate::plant::workpiece::ScenarioError;
+use crate::plant::scenario_error::ScenarioError;
 use crate::simulation::force_signal::ShownForce;
 use crate::simulation::lathe::LatheSettings;
 use clap::ValueEnum as _;

@@ -35,7 +35,7 @@ pub use force_sensor_lag::ForceSensorLag;
 pub use mode_drift::ModeDrift;
 pub use nonlinear_cutting_force::NonlinearCuttingForce;
 pub use nose_radius::NoseRadius;
-pub use physics::{MOST_TERMS, Physics, PhysicsError};
+pub use physics::Physics;
 pub use position_dependent_mode::PositionDependentMode;
 pub use process_damping::ProcessDamping;
 pub use regenerative_effect::RegenerativeEffect;

@@ -3,46 +3,7 @@
 use super::{CutEffect, Place};
 use crate::plant::cut_terms::CutTerms;
 use crate::plant::effects::EffectKind;
-use thiserror::Error;
-
-/// Effects that one scenario may carry.
-pub const MOST_TERMS: usize = 8;
-
-/// Why effects do not make a physical cut.
-#[derive(Debug, Clone, PartialEq, Error)]
-pub enum PhysicsError {
-    /// A number outside its physical bounds.
-    #[error("{effect}: {name} = {value} is not physical: expected {low} to {high}")]
-    NotPhysical {
-        /// Effect.
-        effect: EffectKind,
-        /// Parameter.
-        name: &'static str,
-        /// Value given.
-        value: f64,
-        /// Least value.
-        low: f64,
-        /// Greatest value.
-        high: f64,
-    },
-    /// The same effect twice.
-    #[error("{effect} stands there twice; expected once (runout: once of each order)")]
-    Twice {
-        /// Effect.
-        effect: EffectKind,
-    },
-    /// More than fit.
-    #[error("more than {MOST_TERMS} effects")]
-    TooMany,
-    /// An effect of a part that the scenario states otherwise.
-    #[error("{effect} only where the scenario says {expected}")]
-    Stated {
-        /// Effect.
-        effect: EffectKind,
-        /// What the scenario would have to say.
-        expected: &'static str,
-    },
-}
+use crate::plant::scenario_error::{MOST_TERMS, PhysicsError};
 
 /// The effects of a scenario, in their order.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

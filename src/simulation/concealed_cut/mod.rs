@@ -16,7 +16,8 @@ pub use schedule::growth_1_s;
 
 use crate::plant::cutting::RawCutting;
 use crate::plant::scenario::{RawScenario, Scenario, ToolCount};
-use crate::plant::workpiece::{RawWorkpiece, ScenarioError};
+use crate::plant::scenario_error::ScenarioError;
+use crate::plant::workpiece::RawWorkpiece;
 use crate::sample::Recording;
 use draw::{Unsaid, hide};
 use rand::{RngExt, SeedableRng};

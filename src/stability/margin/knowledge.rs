@@ -33,7 +33,10 @@ const SPEEDS_RPM: std::ops::RangeInclusive<f64> = 30.0..=30_000.0;
 
 impl CutPrior {
     /// A bar of which nothing but its size is known, cut as such bars are. Errors: a size that is none.
-    pub fn usual(diameter_m: f64, length_m: f64) -> Result<Self, crate::plant::workpiece::ScenarioError> {
+    pub fn usual(
+        diameter_m: f64,
+        length_m: f64,
+    ) -> Result<Self, crate::plant::scenario_error::ScenarioError> {
         let raw = RawWorkpiece {
             diameter_m,
             projection_length_m: length_m,
