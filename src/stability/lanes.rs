@@ -3,7 +3,7 @@
 //!
 //! What comes out is near a root, not on it: the search polishes what may be the rightmost one by itself.
 
-use super::root::Scaled;
+use super::characteristic::Scaled;
 use crate::signal::dispatch::{Kernel, multiply_add};
 use crate::signal::exponential::{ROUND, exp};
 use nalgebra::Complex;

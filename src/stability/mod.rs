@@ -11,6 +11,7 @@
 //! map. [`roots_right_of`] counts roots by the argument principle and shares nothing with the search.
 //! The linear model does not know loss of contact: it says whether chatter starts, not how large it gets.
 
+mod characteristic;
 mod count;
 mod cut_root;
 mod expectation;
