@@ -169,7 +169,7 @@ pub const USUAL_UNKNOWNS: usize = 2 * USUAL_HARMONICS + 2;
 /// ```text
 ///  A = Q R S (S: lengths of the columns);  c . x = w . y with w = Q z = A b, R^T z = S^-1 c, R S b = z
 /// ```
-/// b are the coefficients of the inner products A^T y, which [`super::sliding_fit`] keeps at constant cost.
+/// b are the coefficients of the inner products A^T y, which `sliding_fit` keeps at constant cost.
 /// Errors: rounding in the weights grows with the square of the condition number; singular beyond 1e10.
 /// Source: Hayashi et al., (17)-(23). Deviation: QR instead of normal equations, time from the middle of the
 /// window. Checked by: the_weights_are_those_of_a_householder_qr, the_printed_window_is_ill_conditioned.

@@ -197,3 +197,6 @@ fn into_keys(term: &PhysicsTerm, raw: &mut RawDriveParams) -> Option<()> {
     Specification::of(term.effect).filter(|s| s.force.is_none())?;
     term.into_key(raw)
 }
+
+/// A number of each of several models side by side.
+pub(super) type Lane<const L: usize> = [f64; L];

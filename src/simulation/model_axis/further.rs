@@ -1,7 +1,6 @@
 //! Forces and encoder errors that few models have, as lanes: what a model lacks is zero in its lane.
 
-use super::constants::Constants;
-use super::lanes::Lane;
+use super::constants::{Constants, Lane};
 use crate::plant::effects::law::ForceLaw;
 use crate::signal::dispatch::multiply_add;
 use crate::signal::exponential::exp;

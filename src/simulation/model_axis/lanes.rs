@@ -7,7 +7,7 @@
 //! ```
 //! Without a torsional spring the screw belongs to the motor and T = S; on a rigid axis there is m_1 alone.
 
-use super::constants::Constants;
+use super::constants::{Constants, Lane};
 use super::control::LawState;
 use super::further::{Further, Waves};
 use super::tanh::tanh;
@@ -25,7 +25,6 @@ const TWIST_V: usize = 5;
 const CURRENT: usize = 6;
 const BRISTLE: usize = 7;
 
-pub(super) type Lane<const L: usize> = [f64; L];
 type State<const L: usize> = [Lane<L>; STATES];
 
 /// Constants of several models, and what few of them have.
