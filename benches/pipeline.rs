@@ -15,7 +15,8 @@ use std::time::Instant;
 use stillcut::chatter::Band;
 use stillcut::config::machine::read_machine;
 use stillcut::force::balance::Method;
-use stillcut::force::estimator::{ForceSettings, Signals};
+use stillcut::force::settings::ForceSettings;
+use stillcut::force::signals::Signals;
 use stillcut::pipeline::{
     AxisPlan, BandPlan, CutConditions, ForcePlan, Pipeline, PipelineSettings, ServoPlan,
 };

@@ -10,11 +10,12 @@
 use nalgebra::{DMatrix, DVector};
 use std::path::Path;
 use stillcut::force::balance::Method;
-use stillcut::force::estimator::{
-    AxisSignals, ForceEstimator, ForceSettings, LowPass, MotionSample, Signals,
-};
+use stillcut::force::estimator::ForceEstimator;
+use stillcut::force::motion::MotionSample;
 use stillcut::force::offline::estimate_run;
 use stillcut::force::physics::physics_of;
+use stillcut::force::settings::{ForceSettings, LowPass};
+use stillcut::force::signals::{AxisSignals, Signals};
 use stillcut::plant::drive::{DriveParams, RawDriveParams};
 use stillcut::plant::effects::{EffectKind, ParameterValue, PhysicsTerm, Port};
 use stillcut::recording::read_columns;

@@ -6,7 +6,7 @@ use crate::avoidance::Avoidance;
 use crate::avoidance::account::{Account, Look, decide_again};
 use crate::chatter::{Band, MeanForce, predicted_band};
 use crate::config::service::{ServiceConfig, read_service_config};
-use crate::force::estimator::ForceEstimate;
+use crate::force::motion::ForceEstimate;
 use crate::force::recorded::accelerations;
 use crate::force::validity::Validity;
 use crate::keyframe::Digest;

@@ -11,7 +11,8 @@
 use super::band::NOISE_RATIO;
 use super::lane_sections::{LaneSection, filter, lane_sections, settle_sections};
 use super::settings::response_to;
-use super::stiffness_learner::{HIGH_PASS_HZ, LEAST_S, MEMORY_S};
+use super::stiffness_learner::{LEAST_S, MEMORY_S};
+use super::thinned::HIGH_PASS_HZ;
 use super::validity::Validity;
 use crate::signal::FilterError;
 use crate::signal::butterworth::{Butterworth, Pass, Section};

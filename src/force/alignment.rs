@@ -8,7 +8,7 @@
 //! Delays are fractional: each signal is read from its line by an interpolating stencil, and the
 //! common instant tau lies a whole number of samples ago.
 
-use super::lanes::LONGEST_AGE;
+use super::lane_line::LONGEST_AGE;
 use crate::plant::drive::DriveParams;
 use crate::signal::FilterError;
 use crate::signal::finite_difference::STENCIL_NODES;

@@ -14,7 +14,8 @@
 use super::balance::Method;
 use super::budget::{Budget, Imperfection};
 use super::closed_loop::ClosedLoop;
-use super::estimator::{AxisSignals, ForceSettings, Signals};
+use super::settings::ForceSettings;
+use super::signals::{AxisSignals, Signals};
 use crate::plant::drive::{DriveParams, Structure};
 use rustfft::num_complex::Complex64;
 use std::f64::consts::TAU;

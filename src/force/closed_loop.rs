@@ -2,8 +2,8 @@
 //! the positions that its encoders report.
 
 use super::balance::motor_side_mass_kg;
-use super::estimator::{AxisSignals, Signals};
 use super::response::Chain;
+use super::signals::{AxisSignals, Signals};
 use crate::plant::drive::DriveParams;
 use crate::plant::machine::Controller;
 use crate::units::SampleRate;

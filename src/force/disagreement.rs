@@ -1,7 +1,7 @@
 //! How far two estimates of one force are apart while both run.
 
 use super::band::NOISE_RATIO;
-use super::estimator::ForceEstimate;
+use super::motion::ForceEstimate;
 use super::validity::{Properties, Validity};
 use crate::signal::harmonic_fit::LongLine;
 use crate::units::SampleRate;

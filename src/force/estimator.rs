@@ -12,59 +12,18 @@ use super::harmonic::HarmonicEstimator;
 use super::idle_map::IdleMap;
 use super::lane_part::{LanePart, lane_part};
 use super::lanes::{LaneDesign, LaneMotion, LaneState};
+use super::motion::{Aligned, AlignedMotion, ForceEstimate, MotionSample, Underway};
 use super::physics::PhysicsModel;
-use super::settings::{Filter, response_to};
-pub use super::settings::{ForceError, ForceSettings, LowPass, MAX_NOTCHES, NotchCentre};
-use super::signals::measured_balance;
-pub use super::signals::{AxisSignals, Signals};
-use super::stiffness_learner::{Aligned, HIGH_PASS_HZ, LearnedStiffness, StiffnessLearner};
+use super::settings::{Filter, ForceError, ForceSettings, MAX_NOTCHES, NotchCentre, response_to};
+use super::signals::{AxisSignals, Signals, measured_balance};
+use super::stiffness_learner::{LearnedStiffness, StiffnessLearner};
+use super::thinned::HIGH_PASS_HZ;
 use super::two_sides::{Mismatch, SeenSides, TwoSides, both_sides};
 use super::validity::{Properties, Validity};
 use crate::plant::drive::DriveParams;
 use crate::signal::harmonic_fit::HarmonicFitError;
 use crate::signal::notch::{Notch, NotchState};
 use crate::units::SampleRate;
-
-/// One instant of one axis. A position that is absent is held at its last value and flagged.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct MotionSample {
-    /// Thrust reference K_t I / R on the screw axis, N.
-    pub thrust_ref_n: f64,
-    /// Motor angle as stage travel, m.
-    pub motor_travel_m: Option<f64>,
-    /// Screw at the nut as stage travel, where a third position is measured, m.
-    pub nut_position_m: Option<f64>,
-    /// Linear scale, m.
-    pub stage_position_m: Option<f64>,
-    /// Spindle speed, where it is known, rpm.
-    pub spindle_speed_rpm: Option<f64>,
-    /// Accelerations of the spindle housing (x, y, z), for `frf` alone, m/s2.
-    pub accel_m_s2: Option<[f64; 3]>,
-}
-
-/// One estimate.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ForceEstimate {
-    /// Cutting force as it was [`Properties::delay_s`] ago, N; positive opposes stage motion.
-    pub force_n: f64,
-    /// What speaks against it.
-    pub flags: Validity,
-}
-
-/// Aligned motion of one instant: what the balance works on.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct AlignedMotion {
-    /// Thrust that acted, N.
-    pub thrust_n: f64,
-    /// Motor travel, m.
-    pub motor_m: f64,
-    /// Motor travel velocity, m/s.
-    pub motor_velocity_m_s: f64,
-    /// Stage position, m.
-    pub stage_m: f64,
-    /// Stage velocity, m/s.
-    pub stage_velocity_m_s: f64,
-}
 
 /// A designed estimator of one axis; immutable.
 #[derive(Debug, Clone, PartialEq)]
@@ -103,16 +62,6 @@ pub struct ForceState {
 
 /// The lane of an axis among its neighbours.
 pub(super) type InLane<'a, const L: usize> = (&'a LaneState<L>, usize);
-
-/// An estimate on its way: before the low-pass, with the motion behind it.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Underway {
-    pub(super) force_n: f64,
-    pub(super) flags: Validity,
-    pub(super) motion: AlignedMotion,
-    /// Of this instant, also where the estimate is a window's.
-    aligned: Aligned,
-}
 
 impl ForceEstimator {
     /// Designs the estimator of one method.

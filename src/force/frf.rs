@@ -3,7 +3,7 @@
 //! ```text
 //!  F_i(f) = sum_j [ H_ij(f) + 2 pi i f Omega G_ij(f) + Omega^2 N_ij(f) ] X_j(f),   X = -A / (2 pi f)^2
 //! ```
-//! Nine functions for each force axis, piecewise linear over nodes of frequency; [`super::frf_stream`]
+//! Nine functions for each force axis, piecewise linear over nodes of frequency; `frf_stream`
 //! filters by them.
 //! The mean force is not estimated: accelerometers do not see it.
 //!

@@ -1,8 +1,8 @@
 //! The accelerometer estimator as a stream: overlap-add of blocks, for whole files and for the live pipeline.
 
-use super::estimator::ForceEstimate;
 use super::frf::{ACCEL_AXES, AccelSample, FrfError, FrfEstimator};
 use super::harmonic::SPEED_TOLERANCE;
+use super::motion::ForceEstimate;
 use super::validity::{Properties, Validity};
 use crate::keyframe::{Keep, Words};
 use crate::units::SampleRate;

@@ -20,8 +20,9 @@
 
 use super::balance::ForceBalance;
 use super::band::TOLERATED;
-use super::estimator::{AxisSignals, Signals, Underway};
 use super::guideway::{Each, Evidence, GuidewayTravel, TRAVELS_M};
+use super::motion::Underway;
+use super::signals::{AxisSignals, Signals};
 use super::stiffness::stretch_balance;
 use super::validity::Validity;
 use crate::plant::drive::Structure;

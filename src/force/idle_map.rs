@@ -129,7 +129,7 @@ impl IdleMap {
     }
 
     /// What motor side and stretch contradicted each other by in the idle runs, N rms; see
-    /// [`super::two_sides`].
+    /// `two_sides`.
     #[must_use]
     pub fn contradiction_n(&self) -> f64 {
         self.contradiction_n

@@ -3,6 +3,9 @@
 use crate::signal::dispatch::multiply_add;
 use crate::signal::finite_difference::{STENCIL_NODES, Stencil};
 
+/// Samples of delay and stencil together that an axis may need.
+pub(super) const LONGEST_AGE: usize = 64;
+
 /// Weights of `K` outputs of all lanes over a common stretch of one line.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct LaneStencils<const L: usize, const K: usize> {

@@ -7,7 +7,7 @@
 //!                       what an axis has beyond that (windows, physics, map) --+--> Butterworth --> N
 //! ```
 //! A lane does the same operations in the same order whatever stands beside it, so an axis alone
-//! (`L = 1`, [`super::estimator::ForceEstimator`]) and the same axis among others have the same bits.
+//! (`L = 1`, `ForceEstimator`) and the same axis among others have the same bits.
 //! Checked by: lanes_give_the_bits_of_single_axes.
 
 use super::above_band::{LanesAbove, SeenAbove};
@@ -22,9 +22,6 @@ use crate::signal::finite_difference::{STENCIL_NODES, Stencil};
 
 /// Axes of one vector estimator.
 pub const LANES: usize = 8;
-
-/// Samples of delay and stencil together that an axis may need.
-pub const LONGEST_AGE: usize = 64;
 
 /// The designed estimators of axes side by side.
 #[derive(Debug, Clone, PartialEq)]
@@ -390,8 +387,11 @@ impl<const L: usize> Kernel for LowPass<'_, L> {
 mod tests {
     use super::*;
     use crate::force::balance::Method;
-    use crate::force::estimator::{AxisSignals, ForceEstimator, ForceSettings, MotionSample, Signals};
+    use crate::force::estimator::ForceEstimator;
     use crate::force::guideway::GuidewayTravel;
+    use crate::force::motion::MotionSample;
+    use crate::force::settings::ForceSettings;
+    use crate::force::signals::{AxisSignals, Signals};
     use crate::plant::drive::{DriveParams, RawDriveParams};
     use crate::units::SampleRate;
 

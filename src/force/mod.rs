@@ -7,7 +7,7 @@
 //!  stage scale --delay-----------+        (thrust, dob, medob, rigid_mode, vibration_mode)
 //! ```
 //! One [`observer::Observer`] serves the live pipeline and the offline command: one sample in,
-//! one [`estimator::ForceEstimate`] out, with the time by which it lags, the band in which it can be
+//! one [`motion::ForceEstimate`] out, with the time by which it lags, the band in which it can be
 //! used, its noise floor and flags that say what it cannot see.
 //!
 //! It does not know what chatter is, and it never reads a simulated truth.
@@ -29,16 +29,19 @@ pub mod friction;
 pub mod guideway;
 mod guideway_learner;
 pub mod harmonic;
+pub mod harmonic_settings;
 pub mod idle_map;
 mod lane_line;
 mod lane_part;
 mod lane_sections;
 pub mod lanes;
 pub mod modal;
+pub mod motion;
 pub mod observer;
 pub mod observers;
 pub mod offline;
 pub mod physics;
+pub mod plan;
 pub mod recorded;
 pub mod response;
 pub mod settings;

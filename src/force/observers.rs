@@ -7,12 +7,14 @@
 //! ```
 
 use super::beyond::Beyond;
-use super::estimator::{ForceError, ForceEstimate, ForceEstimator, MotionSample, Underway};
+use super::estimator::ForceEstimator;
 use super::follow::Follow;
 use super::frf_stream::FrfStream;
 use super::guideway::GuidewayTravel;
 use super::lanes::{LaneDesign, LaneMotion, LaneState};
-use super::observer::{ForcePlan, ServoPlan};
+use super::motion::{ForceEstimate, MotionSample, Underway};
+use super::plan::{ForcePlan, ServoPlan};
+use super::settings::ForceError;
 use super::two_sides::Mismatch;
 use super::validity::{Properties, Validity};
 use crate::keyframe::{Keep, Words};

@@ -1,11 +1,12 @@
 //! Whole runs through the estimators: idle maps, the check of stiffness, the zero of a standing axis.
 
 use super::balance::Method;
-use super::estimator::{
-    AxisSignals, ForceError, ForceEstimate, ForceEstimator, ForceSettings, LowPass, MotionSample,
-};
+use super::estimator::ForceEstimator;
 use super::idle_map::{IdleMap, IdlePoint, LEAST_TRAVEL_M};
+use super::motion::{ForceEstimate, MotionSample};
 use super::response::Chain;
+use super::settings::{ForceError, ForceSettings, LowPass};
+use super::signals::AxisSignals;
 use super::stiffness::{StiffnessCheck, motor_side_balance, stiffness_check, stretch_balance};
 use crate::plant::drive::Structure;
 
@@ -65,7 +66,7 @@ pub fn stiffness_of_runs(
     idles: &[Vec<MotionSample>],
 ) -> Result<Option<StiffnessCheck>, ForceError> {
     // With a third position compliance elsewhere is seen as it is.
-    if axis.drive.structure() == Structure::Rigid || axis.signals != super::estimator::Signals::Both {
+    if axis.drive.structure() == Structure::Rigid || axis.signals != super::signals::Signals::Both {
         return Ok(None);
     }
     let resonance_hz = Chain::of_drive(axis.drive).modes().frequencies_hz.get(1).copied().unwrap_or(0.0);

@@ -1,6 +1,7 @@
 //! The motion of one axis out of a recording, whichever of the contract's columns carry it.
 
-use super::estimator::{MotionSample, Signals};
+use super::motion::MotionSample;
+use super::signals::Signals;
 use crate::plant::drive::DriveParams;
 use crate::sample::Recording;
 use thiserror::Error;

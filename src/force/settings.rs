@@ -1,7 +1,7 @@
 //! What may be chosen about an estimator, and the low-pass behind it.
 
 use super::guideway::GuidewayTravel;
-use super::harmonic::HarmonicSettings;
+use super::harmonic_settings::HarmonicSettings;
 use super::idle_map::IdleMap;
 use super::physics::PhysicsModel;
 use crate::plant::drive::DriveParams;
@@ -89,7 +89,7 @@ pub struct ForceSettings {
     /// The axial stiffness is learned while the axis cuts (`vibration_mode` of two inertias with both
     /// encoders; the others have no use for it).
     pub learn_stiffness: bool,
-    /// The force in the coupling known from both sides is compared; see [`super::two_sides`].
+    /// The force in the coupling known from both sides is compared; see `two_sides`.
     pub compare_sides: bool,
 }
 

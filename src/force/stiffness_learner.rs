@@ -18,18 +18,17 @@
 //! Checked by: force_trust::vibration_mode_learns_the_stiffness_while_it_cuts.
 
 use super::balance::{ForceBalance, motor_side_mass_kg};
-use super::estimator::{AlignedMotion, AxisSignals, Signals};
+use super::motion::Aligned;
 use super::response::Chain;
+use super::signals::{AxisSignals, Signals};
 use super::stiffness::{motor_side_balance, stretch_balance};
-use super::thinned::{SeenThinned, Thinned};
+use super::thinned::{HIGH_PASS_HZ, SeenThinned, Thinned};
 use crate::plant::drive::Structure;
 use crate::signal::FilterError;
 use crate::signal::butterworth::{Butterworth, ButterworthState, Pass};
 use crate::signal::finite_difference::{Stencil, stencils};
 use std::f64::consts::TAU;
 
-/// Below this neither side is compared.
-pub(super) const HIGH_PASS_HZ: f64 = 5.0;
 /// Below this the estimate keeps the stiffness of the model.
 const MEAN_HZ: f64 = 1.0;
 /// Memory of the mean squares.
@@ -41,16 +40,6 @@ const LEAST_STEPS: f64 = 3.0;
 const LEAST_R_SQUARED: f64 = 0.995;
 /// Stiffness over the model's that can be.
 pub(super) const BELIEVED: std::ops::RangeInclusive<f64> = 0.8..=1.25;
-
-/// An instant as the comparison needs it.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Aligned {
-    pub(super) motion: AlignedMotion,
-    /// M_r and C_r parts of the motor side.
-    pub(super) inertia_n: f64,
-    /// Share of the motor's friction at its speed, -1 to 1.
-    pub(super) friction: f64,
-}
 
 /// Design; immutable.
 #[derive(Debug, Clone, PartialEq)]
@@ -68,7 +57,7 @@ pub(super) struct StiffnessLearner {
     position_n_m: [f64; 2],
     least_square_n2: f64,
     forget: f64,
-    /// Whether what is learned goes into the estimate; it is learned for [`super::two_sides`] all the same.
+    /// Whether what is learned goes into the estimate; it is learned for `two_sides` all the same.
     applies: bool,
     /// Thinned samples before which nothing is learned: filters, then enough of a mean.
     warm_up: [u32; 2],

@@ -9,11 +9,13 @@
 //! Checked by: mean_squares_are_those_of_every_sample.
 
 use super::lane_sections::{LaneSection, filter, lane_sections, settle_sections};
-use super::stiffness_learner::HIGH_PASS_HZ;
 use crate::signal::FilterError;
 use crate::signal::butterworth::{Butterworth, Pass};
 use crate::signal::dispatch::{Fast, Kernel, run};
 use crate::units::SampleRate;
+
+/// Below this neither side is compared.
+pub(super) const HIGH_PASS_HZ: f64 = 5.0;
 
 /// Thinned rate over the low-pass.
 const RATE_OVER_BAND: f64 = 3.0;

@@ -27,7 +27,8 @@ use super::band::TOLERATED;
 use super::idle_map::IdleMap;
 use super::settings::{Filter, ForceError, ForceSettings};
 use super::signals::AxisSignals;
-use super::stiffness_learner::{BELIEVED, HIGH_PASS_HZ, LEAST_S, MEMORY_S, StiffnessLearner};
+use super::stiffness_learner::{BELIEVED, LEAST_S, MEMORY_S, StiffnessLearner};
+use super::thinned::HIGH_PASS_HZ;
 use crate::plant::drive::Structure;
 
 /// R below this many times what encoder steps make of it says nothing.

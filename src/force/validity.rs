@@ -40,7 +40,7 @@ impl Validity {
     pub const ENCODER_LINE_IN_BAND: Validity = Validity(1 << 2);
     /// The band reaches a mode that the model does not have: stated by it, or seen in the recording, where
     /// motor side and stretch of the screw contradict each other by more than a tenth of the force (see
-    /// [`super::two_sides`]).
+    /// `two_sides`).
     pub const MODE_OUTSIDE_MODEL: Validity = Validity(1 << 3);
     /// The system of equations behind the estimate is close to singular.
     pub const ILL_CONDITIONED: Validity = Validity(1 << 4);

@@ -4,7 +4,7 @@
 //! chatter that ends after it has moved ended by that: the tools stay where they were.
 
 use crate::chatter::ChatterEvent;
-use crate::force::estimator::MotionSample;
+use crate::force::motion::MotionSample;
 use crate::keyframe::keep;
 
 /// When the mean has changed, with the reason of each number.

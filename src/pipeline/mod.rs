@@ -18,7 +18,7 @@ mod keyframe;
 mod margin;
 mod settings;
 
-pub use crate::force::observer::{ForcePlan, ServoPlan};
+pub use crate::force::plan::{ForcePlan, ServoPlan};
 pub use keyframe::KeyframeError;
 pub use margin::{CutConditions, CutPrior, DeafReason, Margin, MarginPlan, MarginReading, MarginWarning};
 pub use settings::{AxisPlan, BandPlan, PipelineError, PipelineSettings, ToolAxis, lines_of};
@@ -28,8 +28,8 @@ use crate::chatter::{
     Line, Phase, agree,
 };
 use crate::force::disagreement::Disagreement;
-use crate::force::estimator::{ForceEstimate, MotionSample};
 use crate::force::lanes::LANES;
+use crate::force::motion::{ForceEstimate, MotionSample};
 use crate::force::observers::{AxisObserver, Observers};
 use crate::force::validity::Validity;
 use crate::sample::{AxisSample, MAX_AXES, SampleError, ServoSample};

@@ -2,10 +2,10 @@
 
 use super::{Channel, MarginPlan};
 use crate::chatter::{Band, BandError, ChatterError, MeanForce, predicted_band, predicted_band_in_cut};
-use crate::force::estimator::ForceError;
 use crate::force::lanes::LANES;
-use crate::force::observer::ForcePlan;
 use crate::force::observers::{AxisObserver, Observers};
+use crate::force::plan::ForcePlan;
+use crate::force::settings::ForceError;
 use crate::plant::cut_terms::CutCondition;
 use crate::plant::cutting::Cutting;
 use crate::plant::scenario::Scenario;

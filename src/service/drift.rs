@@ -11,10 +11,11 @@
 use super::black_box::Chunk;
 use crate::config::service::ServiceConfig;
 use crate::force::balance::Method;
-use crate::force::estimator::{
-    AxisSignals, ForceEstimator, ForceSettings, ForceState, LowPass, MotionSample, Signals,
-};
-use crate::force::observer::ServoPlan;
+use crate::force::estimator::{ForceEstimator, ForceState};
+use crate::force::motion::MotionSample;
+use crate::force::plan::ServoPlan;
+use crate::force::settings::{ForceSettings, LowPass};
+use crate::force::signals::{AxisSignals, Signals};
 use crate::sample::{ServoSample, follows};
 use crate::telemetry::Metrics;
 use crate::units::SampleRate;

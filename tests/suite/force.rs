@@ -6,13 +6,14 @@ use std::f64::consts::TAU;
 use std::path::PathBuf;
 use stillcut::config::machine::read_machine;
 use stillcut::force::balance::Method;
-use stillcut::force::estimator::{
-    AxisSignals, ForceEstimator, ForceSettings, LowPass, MotionSample, Signals,
-};
+use stillcut::force::estimator::ForceEstimator;
 use stillcut::force::frf_stream::force_of_recording;
-use stillcut::force::harmonic::{HarmonicSettings, Reading};
+use stillcut::force::harmonic_settings::{HarmonicSettings, Reading};
+use stillcut::force::motion::MotionSample;
 use stillcut::force::offline::{estimate_run, idle_map, stiffness_of_runs};
 use stillcut::force::recorded::motion_of_recording;
+use stillcut::force::settings::{ForceSettings, LowPass};
+use stillcut::force::signals::{AxisSignals, Signals};
 use stillcut::force::validity::Validity;
 use stillcut::identify::frf::{FrfRun, FrfSettings, fit_frf};
 use stillcut::identify::resolution::{EncoderSteps, MonteCarlo, force_variance, monte_carlo_variance};

@@ -11,16 +11,18 @@ use std::process::{Command, Output};
 use stillcut::config::service::service_config_from_text;
 use stillcut::force::balance::Method;
 use stillcut::force::closed_loop::ClosedLoop;
-use stillcut::force::estimator::{
-    AxisSignals, ForceEstimate, ForceEstimator, ForceSettings, LowPass, MotionSample, Signals,
-};
+use stillcut::force::estimator::ForceEstimator;
 use stillcut::force::frf::FrfEstimator;
 use stillcut::force::frf_stream::force_of_recording;
-use stillcut::force::harmonic::HarmonicSettings;
-use stillcut::force::observer::{ForcePlan, Observer, ServoPlan};
+use stillcut::force::harmonic_settings::HarmonicSettings;
+use stillcut::force::motion::{ForceEstimate, MotionSample};
+use stillcut::force::observer::Observer;
 use stillcut::force::offline::estimate_run;
+use stillcut::force::plan::{ForcePlan, ServoPlan};
 use stillcut::force::recorded::motion_of_recording;
 use stillcut::force::response::{Chain, ChainLink};
+use stillcut::force::settings::{ForceSettings, LowPass};
+use stillcut::force::signals::{AxisSignals, Signals};
 use stillcut::force::validity::Validity;
 use stillcut::plant::drive::{DriveParams, RawDriveParams};
 use stillcut::plant::machine::{AxisModel, Controller};

@@ -4,14 +4,16 @@
 use crate::force::{RATE_HZ, axis, deviation, milling, simulate, test_drive};
 use std::f64::consts::TAU;
 use stillcut::force::balance::Method;
-use stillcut::force::estimator::{
-    AxisSignals, ForceEstimator, ForceSettings, LowPass, MotionSample, Signals,
-};
-use stillcut::force::harmonic::HarmonicSettings;
-use stillcut::force::observer::{ForcePlan, Observer, ServoPlan};
+use stillcut::force::estimator::ForceEstimator;
+use stillcut::force::harmonic_settings::HarmonicSettings;
+use stillcut::force::motion::MotionSample;
+use stillcut::force::observer::Observer;
 use stillcut::force::offline::estimate_run;
 use stillcut::force::physics::physics_of;
+use stillcut::force::plan::{ForcePlan, ServoPlan};
 use stillcut::force::recorded::motion_of_recording;
+use stillcut::force::settings::{ForceSettings, LowPass};
+use stillcut::force::signals::{AxisSignals, Signals};
 use stillcut::force::validity::Validity;
 use stillcut::identify::sweep::{StatedErrors, Sweep, fit_sweep};
 use stillcut::plant::drive::{DriveParams, RawDriveParams};

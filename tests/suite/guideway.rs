@@ -8,9 +8,12 @@
 use super::force::{RATE_HZ, deviation, test_drive};
 use std::f64::consts::TAU;
 use stillcut::force::balance::Method;
-use stillcut::force::estimator::{ForceSettings, LowPass, MotionSample, Signals};
 use stillcut::force::guideway::GuidewayTravel;
-use stillcut::force::observer::{ForcePlan, Observer, ServoPlan};
+use stillcut::force::motion::MotionSample;
+use stillcut::force::observer::Observer;
+use stillcut::force::plan::{ForcePlan, ServoPlan};
+use stillcut::force::settings::{ForceSettings, LowPass};
+use stillcut::force::signals::Signals;
 use stillcut::force::validity::Validity;
 use stillcut::plant::drive::{DriveParams, RawDriveParams};
 use stillcut::units::SampleRate;

@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution as _, Normal};
 use std::f64::consts::TAU;
 use stillcut::config::machine::read_machine;
-use stillcut::force::estimator::MotionSample;
+use stillcut::force::motion::MotionSample;
 use stillcut::force::recorded::motion_of_recording;
 use stillcut::identify::sweep::{FittedParameter, StatedErrors, Sweep, SweepFit, fit_sweep};
 use stillcut::plant::drive::{DriveParams, RawDriveParams};

@@ -5,7 +5,7 @@
 
 use std::f64::consts::{PI, TAU};
 use stillcut::chatter::Band;
-use stillcut::force::estimator::ForceEstimate;
+use stillcut::force::motion::ForceEstimate;
 use stillcut::force::validity::Validity;
 use stillcut::pipeline::{
     AxisPlan, BandPlan, CutConditions, CutPrior, DeafReason, MarginPlan, MarginReading, Pipeline,

@@ -5,7 +5,8 @@ use stillcut::chatter::{ChatterEvent, Phase};
 use stillcut::config::machine::read_machine;
 use stillcut::config::service::ServiceConfig;
 use stillcut::force::balance::Method;
-use stillcut::force::estimator::{ForceSettings, Signals};
+use stillcut::force::settings::ForceSettings;
+use stillcut::force::signals::Signals;
 use stillcut::pipeline::{
     AxisPlan, BandPlan, ForcePlan, Pipeline, PipelineSettings, ServoPlan, StepOutput, StreamFault, ToolAxis,
 };

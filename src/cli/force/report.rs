@@ -2,7 +2,7 @@
 
 use super::super::bad_input;
 use crate::force::balance::Method;
-use crate::force::estimator::ForceEstimate;
+use crate::force::motion::ForceEstimate;
 use crate::force::observer::Observer;
 use crate::force::two_sides::Mismatch;
 use crate::force::validity::Validity;
