@@ -362,27 +362,39 @@ impl Reader<'_> {
             transport: (raw.transport.prefix.clone(), raw.transport.root.clone()),
             mtconnect: self.mtconnect(&raw.mtconnect, http.listen)?,
             http,
-            history: HistoryConfig {
-                folder: self.resolve(self.named("history.folder", &raw.history.folder)?),
-                max_age_ns: self.days("history.max_age_days", raw.history.max_age_days)?,
-                max_bytes: self.bytes("history.max_bytes", raw.history.max_bytes)?,
-            },
-            recorder: RecorderConfig {
-                before_s: self.within("recorder.before_s", raw.recorder.before_s, (0.5, 60.0))?,
-                after_s: self.within("recorder.after_s", raw.recorder.after_s, (0.0, 30.0))?,
-                max_age_ns: self.days("recorder.max_age_days", raw.recorder.max_age_days)?,
-                max_bytes: self.bytes("recorder.max_bytes", raw.recorder.max_bytes)?,
-            },
-            log_json: match raw.log.format.as_str() {
-                "text" => false,
-                "json" => true,
-                other => return Err(self.bad("log.format", format!("`{other}` is not one of text, json"))),
-            },
+            history: self.history(&raw.history)?,
+            recorder: self.recorder(&raw.recorder)?,
+            log_json: self.is_json(&raw.log)?,
             fleet: self.fleet(&raw.fleet)?,
             machine,
             model,
             text,
         })
+    }
+
+    fn history(&self, raw: &HistoryToml) -> Result<HistoryConfig, ConfigError> {
+        Ok(HistoryConfig {
+            folder: self.resolve(self.named("history.folder", &raw.folder)?),
+            max_age_ns: self.days("history.max_age_days", raw.max_age_days)?,
+            max_bytes: self.bytes("history.max_bytes", raw.max_bytes)?,
+        })
+    }
+
+    fn recorder(&self, raw: &RecorderToml) -> Result<RecorderConfig, ConfigError> {
+        Ok(RecorderConfig {
+            before_s: self.within("recorder.before_s", raw.before_s, (0.5, 60.0))?,
+            after_s: self.within("recorder.after_s", raw.after_s, (0.0, 30.0))?,
+            max_age_ns: self.days("recorder.max_age_days", raw.max_age_days)?,
+            max_bytes: self.bytes("recorder.max_bytes", raw.max_bytes)?,
+        })
+    }
+
+    fn is_json(&self, raw: &LogToml) -> Result<bool, ConfigError> {
+        match raw.format.as_str() {
+            "text" => Ok(false),
+            "json" => Ok(true),
+            other => Err(self.bad("log.format", format!("`{other}` is not one of text, json"))),
+        }
     }
 
     /// The watched band: above half of the sampling rate nothing can be heard.

@@ -13,6 +13,7 @@ mod black_box;
 mod check;
 pub mod clock;
 mod commissioning;
+mod config_hash;
 mod control;
 mod cut_book;
 mod cut_jobs;

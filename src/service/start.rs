@@ -2,11 +2,12 @@
 
 use super::announcer::{Announcer, Then};
 use super::commissioning::{Commissioning, state_of};
+use super::config_hash::{machine_hash, shown_config};
 use super::control::Control;
 use super::diagnosis_jobs::{diagnoses_of, run_diagnoses, stream_axes};
 use super::first_entries::FirstEntries;
-use super::handle::{Handle, Inner, ShownConfig};
-use super::hub::{Hub, Outlets};
+use super::handle::{Handle, Inner};
+use super::hub::{Hub, Outlets, Report};
 use super::live::{LiveState, SpectrumView, StoreView, StreamMessage};
 use super::past::Past;
 use super::recordings::{RecordingLimits, Recordings, RecordingsError};
@@ -25,7 +26,6 @@ use crate::store::{
 use crate::telemetry::{Event, EventKind, Metrics};
 use crate::transport::{Domain, TransportError};
 use crate::units::counted;
-use sha2::{Digest as _, Sha256};
 use std::fs::{File, TryLockError};
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -202,17 +202,32 @@ struct Parts {
     report: OpenReport,
 }
 
+/// What is reached from outside.
+struct Doors {
+    access: Access,
+    tls: Option<TlsAcceptor>,
+    listener: TcpListener,
+    address: SocketAddr,
+    agents: Option<TcpListener>,
+}
+
+/// What the pipeline thread shares with the other parts.
+struct EngineLinks {
+    reports: mpsc::Sender<Report>,
+    controls: mpsc::Receiver<Control>,
+    recorder: std::sync::mpsc::SyncSender<recorder::Job>,
+    drift: std::sync::mpsc::SyncSender<drift::Feed>,
+    progress: Arc<AtomicU64>,
+    way_back: Arc<WayBack>,
+    commissioning: Arc<Commissioning>,
+}
+
 impl Parts {
     fn start(self) -> Result<Running, ServiceError> {
         let config = Arc::clone(&self.config);
         let shown = shown_config(&config);
         self.metrics.set_config_hash(&shown.hash)?;
-        let access = access(&config)?;
-        let tls = config.http.tls.as_ref().map(|(c, k)| tls_acceptor(c, k)).transpose()?;
-        let listener = self.listen("http.listen", config.http.listen)?;
-        let bound = listener.local_addr();
-        let address = bound.map_err(|source| ServiceError::Files { path: "http.listen".into(), source })?;
-        let agents = config.mtconnect.map(|a| self.listen("mtconnect.listen", a)).transpose()?;
+        let Doors { access, tls, listener, address, agents } = self.open_doors()?;
         let (stream, _) = broadcast::channel(STREAM);
         let (control, controls) = mpsc::channel(CONTROLS);
         let announcer = self.start_announcer((stream.clone(), control.clone()));
@@ -222,37 +237,30 @@ impl Parts {
         let progress = Arc::new(AtomicU64::new(0));
         let way_back = Arc::new(WayBack::new());
         let commissioning = self.commissioning();
-        let engine = engine::start(engine::Setup {
-            config: Arc::clone(&config),
-            config_hash: shown.hash.clone(),
-            domain: Domain::new(&config.transport.0, &config.transport.1)?,
-            epoch: u64::try_from(self.report.epoch).unwrap_or(0),
-            reports,
-            controls,
-            recorder: recorder_queue,
-            drift: drift_feeds,
-            metrics: Arc::clone(&self.metrics),
-            progress: Arc::clone(&progress),
-            store: StoreWatch::new(Arc::clone(self.writer.gauges())),
-            way_back: Arc::clone(&way_back),
-            commissioning: Arc::clone(&commissioning),
-        })?;
+        let engine = self.start_engine(
+            &shown.hash,
+            EngineLinks {
+                reports,
+                controls,
+                recorder: recorder_queue,
+                drift: drift_feeds,
+                progress: Arc::clone(&progress),
+                way_back: Arc::clone(&way_back),
+                commissioning: Arc::clone(&commissioning),
+            },
+        )?;
 
         let (state, watched_state) = watch::channel(Arc::new(LiveState::default()));
         let (spectrum, watched_spectrum) = watch::channel(Arc::new(SpectrumView::default()));
         let past = Arc::new(Mutex::new(Past::default()));
-        let announces = announcer.clone();
         let outlets = Outlets {
             state,
             spectrum,
             stream: stream.clone(),
-            announcer: announces,
+            announcer: announcer.clone(),
             past: Arc::clone(&past),
         };
-        let unseen = Kept { store: StoreView { healthy: true, ..StoreView::default() }, open_alarms: 0 };
-        let (kept, watched_kept) = watch::channel(unseen);
-        let hub = Hub::new(outlets, Arc::clone(&self.metrics), watched_kept);
-        let hub = self.records.spawn(hub.run(reported));
+        let (hub, kept) = self.start_hub(outlets, reported);
         let watched = (recordings.clone(), recording_limits(&config));
         let upkeep = self.upkeep(announcer.clone(), watched, (kept, &commissioning));
         let upkeep = self.runtime.spawn(upkeep.run());
@@ -279,18 +287,7 @@ impl Parts {
             past,
             settled: CancellationToken::new(),
         }));
-        let (beside, memory) = (config.history.folder.clone(), Arc::clone(&handle.0.past));
-        let past = self.runtime.spawn(past_file::keep(beside, memory, handle.0.stop.clone()));
-        self.runtime.spawn(run_diagnoses(handle.clone()));
-        #[cfg(feature = "nats")]
-        if let Some(fleet) = &config.fleet {
-            let sink =
-                super::fleet::run(handle.clone(), super::fleet::Broker::of(fleet), fleet.machine.clone());
-            self.runtime.spawn(sink);
-        }
-        if let Some(listener) = agents {
-            self.runtime.spawn(mtconnect::serve(handle.clone(), listener));
-        }
+        let past = self.start_beside(&handle, agents);
         let http = self.serve(&handle, listener, (access, tls));
         let told = self.runtime.spawn(self.first_entries().tell(handle.clone()));
         // A disk that refuses is no reason not to run: what waits for it is kept like everything else.
@@ -311,6 +308,68 @@ impl Parts {
             progress,
             _lock: self.lock,
         })
+    }
+
+    /// What is reached from outside: each address is taken before anything runs.
+    fn open_doors(&self) -> Result<Doors, ServiceError> {
+        let config = &self.config;
+        let access = access(config)?;
+        let tls = config.http.tls.as_ref().map(|(c, k)| tls_acceptor(c, k)).transpose()?;
+        let listener = self.listen("http.listen", config.http.listen)?;
+        let bound = listener.local_addr();
+        let address = bound.map_err(|source| ServiceError::Files { path: "http.listen".into(), source })?;
+        let agents = config.mtconnect.map(|a| self.listen("mtconnect.listen", a)).transpose()?;
+        Ok(Doors { access, tls, listener, address, agents })
+    }
+
+    fn start_engine(&self, config_hash: &str, links: EngineLinks) -> Result<JoinHandle<()>, ServiceError> {
+        let EngineLinks { reports, controls, recorder, drift, progress, way_back, commissioning } = links;
+        let (prefix, root) = &self.config.transport;
+        let setup = engine::Setup {
+            config: Arc::clone(&self.config),
+            config_hash: config_hash.to_owned(),
+            domain: Domain::new(prefix, root)?,
+            epoch: u64::try_from(self.report.epoch).unwrap_or(0),
+            reports,
+            controls,
+            recorder,
+            drift,
+            metrics: Arc::clone(&self.metrics),
+            progress,
+            store: StoreWatch::new(Arc::clone(self.writer.gauges())),
+            way_back,
+            commissioning,
+        };
+        Ok(engine::start(setup)?)
+    }
+
+    /// The task, and where the upkeep says what the history is like.
+    fn start_hub(
+        &self,
+        outlets: Outlets,
+        reported: mpsc::Receiver<Report>,
+    ) -> (tokio::task::JoinHandle<()>, watch::Sender<Kept>) {
+        let unseen = Kept { store: StoreView { healthy: true, ..StoreView::default() }, open_alarms: 0 };
+        let (kept, watched_kept) = watch::channel(unseen);
+        let hub = Hub::new(outlets, Arc::clone(&self.metrics), watched_kept);
+        (self.records.spawn(hub.run(reported)), kept)
+    }
+
+    /// What runs beside pipeline and pages; answers the task that keeps the past.
+    fn start_beside(&self, handle: &Handle, agents: Option<TcpListener>) -> tokio::task::JoinHandle<()> {
+        let (beside, memory) = (self.config.history.folder.clone(), Arc::clone(&handle.0.past));
+        let past = self.runtime.spawn(past_file::keep(beside, memory, handle.0.stop.clone()));
+        self.runtime.spawn(run_diagnoses(handle.clone()));
+        #[cfg(feature = "nats")]
+        if let Some(fleet) = &self.config.fleet {
+            let sink =
+                super::fleet::run(handle.clone(), super::fleet::Broker::of(fleet), fleet.machine.clone());
+            self.runtime.spawn(sink);
+        }
+        if let Some(listener) = agents {
+            self.runtime.spawn(mtconnect::serve(handle.clone(), listener));
+        }
+        past
     }
 
     fn first_entries(&self) -> FirstEntries {
@@ -454,29 +513,6 @@ async fn refresh_tokens(access: Arc<Access>, handle: Handle) {
 
 fn recording_limits(config: &ServiceConfig) -> RecordingLimits {
     RecordingLimits { max_bytes: config.recorder.max_bytes, max_age_ns: config.recorder.max_age_ns }
-}
-
-/// SHA-256 of what evidence is gathered with: the model, the method, the detection and the turret, but not
-/// who set its limits and what was accepted.
-fn machine_hash(config: &ServiceConfig) -> String {
-    let mut table: toml::Table = config.text.parse().unwrap_or_default();
-    if let Some(toml::Value::Table(turret)) = table.get_mut("turret") {
-        turret.retain(|key, _| !["limits_by", "limits_date", "accept"].contains(&key));
-    }
-    let mut hash = Sha256::new();
-    for section in ["machine", "detection", "turret"] {
-        hash.update(table.get(section).map(ToString::to_string).unwrap_or_default());
-    }
-    // A model that cannot be read now was read a moment ago: its path stands for it.
-    let model = config.model.as_ref().and_then(|path| std::fs::read(path).ok());
-    hash.update(model.unwrap_or_default());
-    hash.finalize().iter().map(|b| format!("{b:02x}")).collect()
-}
-
-fn shown_config(config: &ServiceConfig) -> ShownConfig {
-    let digest = Sha256::digest(config.text.as_bytes());
-    let hash = digest.iter().map(|b| format!("{b:02x}")).collect();
-    ShownConfig { text: config.text.clone(), hash }
 }
 
 impl Running {
