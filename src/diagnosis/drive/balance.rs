@@ -2,7 +2,7 @@
 
 use super::columns::{Ground, TimeColumn, derivative};
 use super::gram::{BandGram, Column, Gram, Part};
-use super::likelihood::{Design, Fit, Spread, weights_of};
+use super::likelihood::{Design, Fit, Spread, log_det_ratio, values, weights_of};
 use super::number::{Mechanics, Number, TURNING};
 use super::signals::{Layout, Path, Signals};
 use super::spectra::{FOLDS, Plan};
@@ -166,11 +166,25 @@ impl Balance {
         (0..FOLDS).map(Part::Fold).chain(recordings.map(Part::Recording)).collect()
     }
 
-    /// L of each of [`Self::parts`], foretold by a fit to all else under the noise of all.
+    /// L of each of [`Self::parts`], foretold by all else under the noise of all: -ln p(part | rest), p of all
+    /// over p of the rest, coefficients integrated over what the rest leaves open of them. A direction that
+    /// only the part shows costs its price, and is no false prediction.
+    ///
+    /// ```text
+    ///  L(all) - L(rest) + (ln det A(all) - ln det (A(rest) + A(all) / N)) / 2
+    /// ```
+    /// A: information; one value of N is the prior (Kass and Wasserman, J. Am. Stat. Assoc. 90, 1995).
     pub(super) fn held_out_nats(&self, gram: &Gram, design: &Design, beta: &[f64]) -> Vec<f64> {
-        let foretold = self.foretold(gram, design, beta);
-        let nats = |(part, beta): (Part, Vec<f64>)| design.nats(&gram.sum(&self.plan, part), &beta);
-        self.parts().into_iter().zip(foretold).map(nats).collect()
+        let all = gram.sum(&self.plan, Part::All);
+        let weights = design.weights(&all, beta);
+        let (nats, known) = (design.nats(&all, beta), design.information(&all, &weights));
+        let of = |(part, of_rest): (Part, Vec<f64>)| {
+            let rest = gram.sum_without(&self.plan, part);
+            let known_of_rest = design.information(&rest, &weights_of(&rest, (&all, &weights)));
+            let prior = &known / values(&all).max(1.0);
+            nats - design.nats(&rest, &of_rest) + 0.5 * log_det_ratio(&known, &(known_of_rest + prior))
+        };
+        self.parts().into_iter().zip(self.foretold(gram, design, beta)).map(of).collect()
     }
 
     /// Coefficients for each of [`Self::parts`] by a fit to all else.

@@ -37,7 +37,7 @@ fn left(ground: &Ground<'_>, track: &Track, (step_m, shift_m): (f64, f64)) -> Ve
     let error: Vec<f64> =
         side.x_m.iter().map(|x| x + shift_m).map(|x| (x / step_m).round() * step_m - x).collect();
     let direction = |v: f64| sliding_direction(v, ground.smoothing_m_s);
-    let turned = side.v_m_s.iter().zip(s.speed_m_s(&error)).map(|(v, e)| direction(v + e) - direction(*v));
+    let turned = side.v_m_s.iter().zip(s.speed_m_s(0, &error)).map(|(v, e)| direction(v + e) - direction(*v));
     let turned = s.filtered(track, &turned.collect::<Vec<f64>>(), 0);
     let [e, speed, accel] = [0, 1, 2].map(|order| s.filtered(track, &error, order));
     let spring = if s.layout == Layout::Locked { m.stiffness_n_m } else { 0.0 };

@@ -93,8 +93,8 @@ pub(super) struct Signals {
     pub(super) noise_m2: Vec<f64>,
     /// Kernels without a shift: signal, first and second derivative.
     kernels: [Kernel; 3],
-    /// Of the velocity of laws that are not linear.
-    of_velocity: Kernel,
+    /// Of the velocity of laws that are not linear, each side's.
+    of_velocity: [Kernel; 2],
     /// What averages the thrust and the positions so that both are averaged alike, and laws with them.
     means: [Kernel; 2],
 }
@@ -172,22 +172,23 @@ impl Signals {
         });
         let one_mass = (layout == Layout::OnePosition).then(|| stage_behind(axis, recordings)).flatten();
         let band_hz = band_hz((layout, rate_hz), one_mass).min(clean_hz.fold(f64::INFINITY, f64::min));
-        let step_m = if two { steps_m[0].max(steps_m[1]) } else { steps_m[0] };
-        let by_step = SpeedOfStep { one_position: !two, step_m, rate_hz };
+        let of_step = steps_m.map(|step_m| SpeedOfStep { step_m, rate_hz });
+        let coarser = if two && steps_m[1] > steps_m[0] { &of_step[1] } else { &of_step[0] };
         let c = &Criteria::STANDARD;
         let least_hz = c.velocity_band_share * rate_hz;
         let is_stated = axis.drive.raw().friction_smoothing_m_s.is_some();
         let mut smoothing_m_s = axis.drive.friction_smoothing_m_s();
         if two && !is_stated {
-            smoothing_m_s = smoothing_m_s.max(by_step.at_m_s(least_hz.min(band_hz)) / c.step_share);
+            smoothing_m_s = smoothing_m_s.max(coarser.at_m_s(least_hz.min(band_hz)) / c.step_share);
         }
         let shortest = recordings.iter().map(Recording::len).min().unwrap_or(1);
-        let velocity_hz = by_step
-            .band_hz(c.step_share * smoothing_m_s)
-            .max((0.15 * least_hz).max(KERNELS * rate_hz / shortest as f64))
-            .min(band_hz);
+        let narrowest_hz = (0.15 * least_hz).max(KERNELS * rate_hz / shortest as f64);
+        let clean_hz =
+            |s: &SpeedOfStep| s.band_hz(c.step_share * smoothing_m_s).max(narrowest_hz).min(band_hz);
+        let velocity_hz = of_step.each_ref().map(clean_hz);
+        let lowest_hz = clean_hz(coarser);
         if !is_stated {
-            smoothing_m_s = smoothing_m_s.max(by_step.at_m_s(velocity_hz) / c.step_share);
+            smoothing_m_s = smoothing_m_s.max(coarser.at_m_s(lowest_hz) / c.step_share);
         }
         let most = averaged[0].max(averaged[1]);
         let mean_of_laws = Kernel::mean(most);
@@ -203,7 +204,7 @@ impl Signals {
             wound_m: one_mass.map_or(0.0, |s| s.wound_m),
             noise_m2: positions.iter().map(of_one).collect(),
             kernels: [0, 1, 2].map(|derivative| low_pass(band_hz, derivative).after(&mean_of_laws)),
-            of_velocity: low_pass(velocity_hz, 1),
+            of_velocity: velocity_hz.map(|hz| low_pass(hz, 1)),
             means: averaged.map(|rows| Kernel::mean(if rows > 1 { 1 } else { most })),
         };
         for (k, (recording, read)) in recordings.iter().zip(&positions).enumerate() {
@@ -224,7 +225,7 @@ impl Signals {
         &self,
         axis: &AxisModel,
         recording: &Recording,
-        (positions, velocity_hz, mask): (&[Read], f64, &[bool]),
+        (positions, velocity_hz, mask): (&[Read], [f64; 2], &[bool]),
     ) -> Result<Track, DiagnoseError> {
         let reference = thrust(axis, recording)?;
         if positions.is_empty() {
@@ -232,7 +233,8 @@ impl Signals {
         }
         let samples = recording.len();
         let path_half = self.path_half(axis).min(samples / PATH_PARTS);
-        let halves = positions.iter().map(|read| self.low_pass(velocity_hz, 1, read.delay_s).half());
+        let of_side = |(read, hz): (&Read, &f64)| self.low_pass(*hz, 1, read.delay_s).half();
+        let halves = positions.iter().zip(&velocity_hz).map(of_side);
         let full_first = halves.max().unwrap_or(0).max(path_half) + 1;
         let thin_first = full_first + self.kernels.iter().map(Kernel::half).max().unwrap_or(0) + 1;
         // Two half-overlapping blocks.
@@ -287,7 +289,7 @@ impl Signals {
     }
 
     /// Both sides at the full rate, and thinned.
-    fn moved(&self, positions: &[Read], velocity_hz: f64, [full, thin]: [Grid; 2]) -> ([Side; 2], Thin) {
+    fn moved(&self, positions: &[Read], velocity_hz: [f64; 2], [full, thin]: [Grid; 2]) -> ([Side; 2], Thin) {
         let mut sides: [Side; 2] = Default::default();
         let mut out = Thin::default();
         for (k, read) in positions.iter().enumerate() {
@@ -299,7 +301,7 @@ impl Signals {
                 |derivative| kernel(self.band_hz, derivative).after(&self.means[1]).apply(&local, thin);
             let back = |x: Vec<f64>| x.iter().map(|v| v + origin).collect::<Vec<f64>>();
             sides[k].x_m = back(of(self.band_hz, 0, full));
-            sides[k].v_m_s = of(velocity_hz, 1, full);
+            sides[k].v_m_s = of(velocity_hz[k], 1, full);
             out.velocity[k] = of_thin(1);
             out.accel[k] = of_thin(2);
             if k == 0 {
@@ -372,9 +374,9 @@ impl Signals {
         inside(&self.kernels[0], full, full.to_vec())
     }
 
-    /// Its rate in the band of the velocity, zero at its ends.
-    pub(super) fn speed_m_s(&self, full: &[f64]) -> Vec<f64> {
-        inside(&self.of_velocity, full, vec![0.0; full.len()])
+    /// Its rate in the band of a side's velocity, zero at its ends.
+    pub(super) fn speed_m_s(&self, side: usize, full: &[f64]) -> Vec<f64> {
+        inside(&self.of_velocity[side], full, vec![0.0; full.len()])
     }
 
     /// A series of all samples of a recording, filtered and thinned.
