@@ -54,7 +54,7 @@ const REACH: f64 = 1.4;
 const LEAST_SPEED_HZ: f64 = 2.0;
 /// Memory of the speed and of its change, s.
 const SPEED_S: f64 = 0.02;
-const SPEED_CHANGE_S: f64 = 0.5;
+const SPEED_CHANGE_S: f64 = 0.1;
 
 /// Watches one force stream for chatter: immutable design.
 #[derive(Debug, Clone, PartialEq)]
