@@ -27,12 +27,16 @@ fn search<'a>(balance: &'a Balance, state: &State) -> Search<'a> {
 /// Everything that may be asked of a state.
 pub(super) fn candidates(balance: &Balance, state: &State) -> Vec<Hypothesis> {
     let search = search(balance, state);
+    // What cuts at one time is one cut: its harmonics may differ from their mean, and are no other spindle.
+    let at_one_time = |a: &Hypothesis, b: &Hypothesis| {
+        a.window_s().zip(b.window_s()).is_some_and(|(a, b)| a[0] < b[1] && b[0] < a[1])
+    };
     let taken = |h: &Hypothesis| {
         state.accepted.iter().any(|a| {
             let other = &a.hypothesis;
             other.effect == h.effect
                 && other.port == h.port
-                && !h.facts().is_of_one_recording
+                && (!h.facts().is_of_one_recording || at_one_time(h, other))
                 && other.facts().is_number == h.facts().is_number
         })
     };
