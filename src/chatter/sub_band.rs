@@ -152,7 +152,8 @@ impl SubBand {
         }
         let residual = value - orders;
         state.history.push(Value { residual, orders, mixer: state.mixer, angle_turns });
-        state.whole_n2 += (value.norm_sqr() - state.whole_n2) / (0.5 * rate_hz);
+        // Of all that was heard until the memory is full: less would make any force that of a tool.
+        state.whole_n2 += (value.norm_sqr() - state.whole_n2) / (0.5 * rate_hz).min(state.count as f64);
         if state.residuals.push(residual) {
             self.judge_sustained(state, now);
         }
