@@ -2,7 +2,7 @@
 
 use super::columns::{Ground, TimeColumn, derivative};
 use super::gram::{BandGram, Column, Gram, Part};
-use super::likelihood::{Design, Fit, Spread, log_det_ratio, values, weights_of};
+use super::likelihood::{Design, Fit, Spread, log_det, values, weights_of};
 use super::number::{Mechanics, Number, TURNING};
 use super::signals::{Layout, Path, Signals};
 use super::spectra::{FOLDS, Plan};
@@ -166,9 +166,9 @@ impl Balance {
         (0..FOLDS).map(Part::Fold).chain(recordings.map(Part::Recording)).collect()
     }
 
-    /// L of each of [`Self::parts`], foretold by all else under the noise of all: -ln p(part | rest), p of all
-    /// over p of the rest, coefficients integrated over what the rest leaves open of them. A direction that
-    /// only the part shows costs its price, and is no false prediction.
+    /// L of each of [`Self::parts`], foretold by all else under the noise of all: -ln p(part | rest), p of
+    /// all over p of the rest, coefficients integrated over what the rest leaves open of them. A direction
+    /// that only the part shows costs its price, and is no false prediction.
     ///
     /// ```text
     ///  L(all) - L(rest) + (ln det A(all) - ln det (A(rest) + A(all) / N)) / 2
@@ -182,7 +182,8 @@ impl Balance {
             let rest = gram.sum_without(&self.plan, part);
             let known_of_rest = design.information(&rest, &weights_of(&rest, (&all, &weights)));
             let prior = &known / values(&all).max(1.0);
-            nats - design.nats(&rest, &of_rest) + 0.5 * log_det_ratio(&known, &(known_of_rest + prior))
+            let open = log_det(&known).zip(log_det(&(known_of_rest + prior)));
+            nats - design.nats(&rest, &of_rest) + open.map_or(0.0, |(all, rest)| 0.5 * (all - rest))
         };
         self.parts().into_iter().zip(self.foretold(gram, design, beta)).map(of).collect()
     }

@@ -19,8 +19,6 @@ use statrs::distribution::{ContinuousCDF, StudentsT};
 pub(super) const ITERATIONS: usize = 60;
 /// Share of a band's own power below which no residual is told from rounding.
 const ROUNDING: f64 = 1e-11;
-/// What columns that are alike are told apart by, of columns scaled to one.
-const RIDGE: f64 = 1e-13;
 /// A mass changes by no more than this factor in a step.
 const MASS_STEP: f64 = 0.4;
 
@@ -347,21 +345,17 @@ fn scaled(a: &DMatrix<f64>, is_held: impl Fn(usize) -> bool) -> (Vec<usize>, Vec
     let free: Vec<usize> = (0..a.nrows()).filter(|k| !is_held(*k)).collect();
     let scale: Vec<f64> = free.iter().map(|k| a[(*k, *k)].max(1e-300).sqrt().recip()).collect();
     let m = DMatrix::from_fn(free.len(), free.len(), |i, j| {
-        a[(free[i], free[j])] * scale[i] * scale[j] + if i == j { RIDGE } else { 0.0 }
+        let ridge = if i == j { 1e-13 } else { 0.0 };
+        a[(free[i], free[j])] * scale[i] * scale[j] + ridge
     });
     (free, scale, m)
 }
 
-/// ln det A - ln det B, columns scaled to one in A.
-pub(super) fn log_det_ratio(a: &DMatrix<f64>, b: &DMatrix<f64>) -> f64 {
-    let (_, scale, whole) = scaled(a, |_| false);
-    let part = DMatrix::from_fn(b.nrows(), b.ncols(), |i, j| {
-        b[(i, j)] * scale[i] * scale[j] + if i == j { RIDGE } else { 0.0 }
-    });
-    let log_det = |m: DMatrix<f64>| {
-        m.cholesky().map(|c| 2.0 * c.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>())
-    };
-    log_det(whole).zip(log_det(part)).map_or(0.0, |(whole, part)| whole - part)
+/// ln det A of an information. `None`: it is none.
+pub(super) fn log_det(a: &DMatrix<f64>) -> Option<f64> {
+    let (_, scale, m) = scaled(a, |_| false);
+    let of_scaled: f64 = m.cholesky()?.l_dirty().diagonal().iter().map(|d| d.ln()).sum();
+    Some(2.0 * (of_scaled - scale.iter().map(|s| s.ln()).sum::<f64>()))
 }
 
 /// Solves with columns scaled to one; held coefficients keep their value.
