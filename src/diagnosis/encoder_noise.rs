@@ -33,7 +33,8 @@ pub(super) fn variance_m2(position_m: &[f64], rate_hz: f64) -> f64 {
     powers.get(powers.len() / 2).copied().unwrap_or(0.0)
 }
 
-/// Speed that steps of an encoder make, as noise of s = q / 12^(1/2): below f s (2 pi f) (2 f / (3 rate))^(1/2).
+/// Speed that steps of an encoder make, as noise of s = q / 12^(1/2), below f:
+/// s (2 pi f) (2 f / (3 rate))^(1/2).
 ///
 /// An axis that creeps shows a step whole, q (2 pi f), but only until the next one, and what friction turns
 /// too far by it the balance averages. A band that is narrow enough for that smears every start and stop:
