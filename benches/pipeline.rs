@@ -1,5 +1,5 @@
-//! Cost per sample of the pipeline (1 and 6 axes, 201 bins), how much of it is the force estimators and how much
-//! what listens to them, and real-time factor of the virtual lathe.
+//! Cost per sample of the pipeline (1 and 6 axes, 201 bins), of it the force estimators and what listens to
+//! them, and real-time factor of the virtual lathe.
 //!
 //! `cargo bench --bench pipeline`. Medians over rounds, cases in turn inside each round; on a shared machine
 //! compare the figures of one run.

@@ -63,9 +63,9 @@ criteria! {
     damping_tolerance: f64 = 0.05,
     /// The same of the torque constant: winding and magnet at room temperature.
     torque_constant_tolerance: f64 = 0.01,
-    /// Steps of an encoder over what they are read for. Over the deflection of the screw: beyond, the axis is
-    /// one mass, since errors in variables make the stiffness wrong. Over friction's smoothing speed: the
-    /// speed that a step makes in the band of the velocity.
+    /// Noise of an encoder's steps over what they are read for. Over the deflection of the screw: beyond, the
+    /// axis is one mass, since errors in variables make the stiffness wrong by the square. Over friction's
+    /// smoothing speed: the speed that steps make in the band of the velocity.
     step_share: f64 = 0.1,
     /// What a law evaluated between samples is exact to, as a share.
     exactness: f64 = 5e-4,
@@ -90,7 +90,7 @@ criteria! {
     band_share: [f64; 2] = [0.08, 0.1],
     /// Highest frequency looked at over the pass band: what a kernel that is half there still tells.
     top: f64 = 1.1875,
-    /// Narrowest band of a velocity, as a share of the rate.
+    /// Band of a velocity that friction without a stated turning speed is told in, as a share of the rate.
     velocity_band_share: f64 = 0.05,
     /// Share of the excess above the floor that the stated band holds.
     excess_share: f64 = 0.95,

@@ -37,8 +37,7 @@ pub(super) fn variance_m2(position_m: &[f64], rate_hz: f64) -> f64 {
 /// s (2 pi f) (2 f / (3 rate))^(1/2).
 ///
 /// An axis that creeps shows a step whole, q (2 pi f), but only until the next one, and what friction turns
-/// too far by it the balance averages. A band that is narrow enough for that smears every start and stop:
-/// steps of 30 nm left 15 to 34 N of 135 N of friction, in a wide band 3 N.
+/// too far by it the balance averages. A band narrow enough to hide such steps smears every start and stop.
 /// They narrow the band before they widen the speed over which friction turns: that took 10 % of EMPS's
 /// viscous friction.
 ///

@@ -34,8 +34,8 @@ const BLOCK_S: f64 = 0.05;
 const BLOCKS: u32 = 10;
 /// Share of the variance that a law may leave over where it explains the stretch.
 const UNEXPLAINED: f64 = 0.1;
-/// What a stretch leaves of the evidence before it: friction changes with warmth and oil within minutes, and
-/// a stretch that was wrong is outvoted.
+/// What a stretch that teaches leaves of the evidence before it: twenty of them count, so that one that was
+/// wrong is outvoted.
 const KEPT: f64 = 0.95;
 
 /// How far the laws are apart is looked at in every so manyth sample.

@@ -88,7 +88,8 @@ fn groups(mut holds: Vec<Hold>) -> Vec<Vec<Hold>> {
 
 /// Runs of a position: so many steps were due while it stood.
 ///
-/// S = n / ln 10 (Poisson), n q the jump behind it, or without one (L - 1) min(|v_b|, |v_a|)
+/// S = n / ln 10 (Poisson), n q = (L - 1) min(|v_b|, |v_a|); where a motion turned, began or ended meanwhile the
+/// jump behind it
 fn of_position(work: &Work<'_>, axis: &AxisColumns, column: AxisColumn) -> Vec<Hold> {
     const AROUND: usize = 5;
     let c = work.criteria;
@@ -115,22 +116,23 @@ fn of_position(work: &Work<'_>, axis: &AxisColumns, column: AxisColumn) -> Vec<H
         let (v_b, v_a) = (median(&before), median(&after));
         // Of a motion that is no steady one the slower part: a vibration stands at its ends.
         let quarter = |d: &[f64]| percentile(&d.iter().map(|d| d.abs()).collect::<Vec<_>>(), 0.25);
-        let [before_m, after_m] = [quarter(&before), quarter(&after)];
-        let slow = before_m.min(after_m);
-        // A motion may begin or end meanwhile; with rest on both sides there is none.
-        if before_m.max(after_m) <= 0.0 || q <= 0.0 {
+        let slow = quarter(&before).min(quarter(&after));
+        if q <= 0.0 {
             continue;
         }
         let rows = (run.rows - 1) as f64;
         let jump = (x[end] - x[end - 1]).abs();
-        let jumps = if v_b * v_a > 0.0 {
-            jump >= c.jump_share * rows * slow
+        let neighbour = before.iter().chain(&after).fold(0.0_f64, |m, d| m.max(d.abs()));
+        let [due, least] = if v_b * v_a > 0.0 && slow > 0.0 {
+            [rows * slow, c.jump_share * rows * slow]
         } else {
-            let neighbour = before.iter().chain(&after).fold(0.0_f64, |m, d| m.max(d.abs()));
-            jump > c.jump_over_neighbours * neighbour
+            [jump, c.jump_over_neighbours * neighbour]
         };
-        let missed = if jumps { jump } else { rows * slow } / q;
-        out.push(Hold { column, run, surprise: missed / std::f64::consts::LN_10, jumps });
+        let jumps = jump >= least && neighbour > 0.0;
+        if jumps || slow > 0.0 {
+            let missed = if jumps { due } else { rows * slow };
+            out.push(Hold { column, run, surprise: missed / q / std::f64::consts::LN_10, jumps });
+        }
     }
     out
 }

@@ -251,6 +251,24 @@ fn each_fault_is_told_in_three_sizes_by_name_and_column() {
     assert!(complaints.is_empty(), "{complaints:#?}");
 }
 
+/// A position that stands while a motion ends: it moved before, and is at rest elsewhere behind.
+#[test]
+fn a_hold_in_which_a_motion_ends_is_told() {
+    let mut logged = drive();
+    let x = logged.recording.get(POSITION).unwrap().to_vec();
+    let ends = (400..x.len() - 400).find(|i| {
+        x[*i..i + 40].iter().all(|v| v == &x[*i]) && x[i - 12..*i].windows(2).all(|w| w[0] != w[1])
+    });
+    let last = ends.unwrap() + 5;
+    let first = last - 80;
+    let position = logged.recording.columns.iter_mut().find(|c| c.name == POSITION).unwrap();
+    position.values[first..last].fill(x[first]);
+    let gated = gate(&logged);
+    let told: Vec<&str> = named(&gated.faults).iter().filter(|f| f.0 == "held").map(|f| f.1).collect();
+    assert!(told.contains(&POSITION), "{:?}", gated.faults);
+    assert!(gated.usable[first + 1..last].iter().all(|u| !u));
+}
+
 /// A logger that stands while a motion begins: the position was at rest before, and is elsewhere behind.
 #[test]
 fn a_hold_in_which_a_motion_begins_is_told() {

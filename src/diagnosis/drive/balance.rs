@@ -2,7 +2,7 @@
 
 use super::columns::{Ground, TimeColumn, derivative};
 use super::gram::{BandGram, Column, Gram, Part};
-use super::likelihood::{Design, Fit, Spread, log_det, values, weights_of};
+use super::likelihood::{Design, Fit, Spread, values, weights_of};
 use super::number::{Mechanics, Number, TURNING};
 use super::signals::{Layout, Path, Signals};
 use super::spectra::{FOLDS, Plan};
@@ -171,19 +171,22 @@ impl Balance {
     /// that only the part shows costs its price, and is no false prediction.
     ///
     /// ```text
-    ///  L(all) - L(rest) + (ln det A(all) - ln det (A(rest) + A(all) / N)) / 2
+    ///  L(all) - L(rest) + (ln det A(all) - ln det (A(rest) + A(all) / 2N)) / 2
     /// ```
-    /// A: information; one value of N is the prior (Kass and Wasserman, J. Am. Stat. Assoc. 90, 1995).
+    /// A: what the values tell of the coefficients; the prior is one of the 2 N real ones (Kass and
+    /// Wasserman, J. Am. Stat. Assoc. 90, 1995). The shapes of laws are those of all.
     pub(super) fn held_out_nats(&self, gram: &Gram, design: &Design, beta: &[f64]) -> Vec<f64> {
         let all = gram.sum(&self.plan, Part::All);
         let weights = design.weights(&all, beta);
-        let (nats, known) = (design.nats(&all, beta), design.information(&all, &weights));
+        let (nats, known) = (design.nats(&all, beta), design.told_by_values(&all, &weights));
         let of = |(part, of_rest): (Part, Vec<f64>)| {
             let rest = gram.sum_without(&self.plan, part);
-            let known_of_rest = design.information(&rest, &weights_of(&rest, (&all, &weights)));
-            let prior = &known / values(&all).max(1.0);
-            let open = log_det(&known).zip(log_det(&(known_of_rest + prior)));
-            nats - design.nats(&rest, &of_rest) + open.map_or(0.0, |(all, rest)| 0.5 * (all - rest))
+            let known_of_rest = design.told_by_values(&rest, &weights_of(&rest, (&all, &weights)));
+            let prior = &known / (2.0 * values(&all)).max(1.0);
+            let open = design.log_det_free(&known).zip(design.log_det_free(&(known_of_rest + prior)));
+            // Its weights are those of all, so another fit may be the better one under its own.
+            let nats_of_rest = design.nats(&rest, &of_rest).min(design.nats(&rest, beta));
+            nats - nats_of_rest + open.map_or(0.0, |(all, rest)| 0.5 * (all - rest))
         };
         self.parts().into_iter().zip(self.foretold(gram, design, beta)).map(of).collect()
     }

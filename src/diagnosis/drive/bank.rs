@@ -1,7 +1,7 @@
 //! Which hypotheses there are for a state: what each effect asks of it.
 
 use super::gram::Column;
-use super::laws::{EFFECTS, Hypothesis, Search};
+use super::laws::{EFFECTS, Hypothesis, Search, Shape};
 use super::spectra::Series;
 use super::state::{Balance, State, residual};
 use std::cell::OnceCell;
@@ -27,16 +27,12 @@ fn search<'a>(balance: &'a Balance, state: &State) -> Search<'a> {
 /// Everything that may be asked of a state.
 pub(super) fn candidates(balance: &Balance, state: &State) -> Vec<Hypothesis> {
     let search = search(balance, state);
-    // What cuts at one time is one cut: its harmonics may differ from their mean, and are no other spindle.
-    let at_one_time = |a: &Hypothesis, b: &Hypothesis| {
-        a.window_s().zip(b.window_s()).is_some_and(|(a, b)| a[0] < b[1] && b[0] < a[1])
-    };
     let taken = |h: &Hypothesis| {
         state.accepted.iter().any(|a| {
             let other = &a.hypothesis;
             other.effect == h.effect
                 && other.port == h.port
-                && (!h.facts().is_of_one_recording || at_one_time(h, other))
+                && (!h.facts().is_of_one_recording || is_one_cut(h, other))
                 && other.facts().is_number == h.facts().is_number
         })
     };
@@ -47,6 +43,16 @@ pub(super) fn candidates(balance: &Balance, state: &State) -> Vec<Hypothesis> {
         }
     }
     list
+}
+
+/// Whether two cuts at one time are one: a harmonic of a cut may differ from its mean, and is no other spindle.
+fn is_one_cut(a: &Hypothesis, b: &Hypothesis) -> bool {
+    let (Shape::Cut(a), Shape::Cut(b)) = (a.shape, b.shape) else { return false };
+    let both_s = a.window_s[1].min(b.window_s[1]) - a.window_s[0].max(b.window_s[0]);
+    let [low_hz, high_hz] = [a.hz.min(b.hz), a.hz.max(b.hz)];
+    let off_hz = high_hz - low_hz * (high_hz / low_hz).round();
+    // Nearer than what that time tells apart.
+    both_s > 0.0 && off_hz.abs() * both_s < 1.0
 }
 
 /// What may be wrong with the column of the force.

@@ -216,8 +216,15 @@ impl Design {
         a * DVector::from_column_slice(beta) - b + slope
     }
 
-    /// Information about the coefficients under weights.
-    pub(super) fn information(&self, bands: &[BandGram], weights: &[Spread]) -> DMatrix<f64> {
+    /// ln det of an information about the coefficients that are free to move. `None`: it is none.
+    pub(super) fn log_det_free(&self, a: &DMatrix<f64>) -> Option<f64> {
+        let (_, scale, m) = scaled(a, |k| self.bounds[k][0] >= self.bounds[k][1]);
+        let of_scaled: f64 = m.cholesky()?.l_dirty().diagonal().iter().map(|d| d.ln()).sum();
+        Some(2.0 * (of_scaled - scale.iter().map(|s| s.ln()).sum::<f64>()))
+    }
+
+    /// What the values tell of the coefficients under weights, without the Jacobian.
+    pub(super) fn told_by_values(&self, bands: &[BandGram], weights: &[Spread]) -> DMatrix<f64> {
         self.normal(bands, weights).0
     }
 
@@ -349,13 +356,6 @@ fn scaled(a: &DMatrix<f64>, is_held: impl Fn(usize) -> bool) -> (Vec<usize>, Vec
         a[(free[i], free[j])] * scale[i] * scale[j] + ridge
     });
     (free, scale, m)
-}
-
-/// ln det A of an information. `None`: it is none.
-pub(super) fn log_det(a: &DMatrix<f64>) -> Option<f64> {
-    let (_, scale, m) = scaled(a, |_| false);
-    let of_scaled: f64 = m.cholesky()?.l_dirty().diagonal().iter().map(|d| d.ln()).sum();
-    Some(2.0 * (of_scaled - scale.iter().map(|s| s.ln()).sum::<f64>()))
 }
 
 /// Solves with columns scaled to one; held coefficients keep their value.

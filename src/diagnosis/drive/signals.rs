@@ -116,7 +116,7 @@ pub(in crate::diagnosis) fn layout(axis: &AxisModel, recordings: &[Recording]) -
         let Ok(t) = thrust(axis, r) else { return Layout::OnePosition };
         let swing_n = swing_n(axis, r, &t.reference_n);
         let [motor_m, stage_m] = found_steps_m(axis, r);
-        power[0] += swing_n.len() as f64 * motor_m.max(stage_m).powi(2) / 12.0;
+        power[0] += swing_n.len() as f64 * (motor_m * motor_m + stage_m * stage_m) / 12.0;
         power[1] += dot(&swing_n, &swing_n) / axis.drive.axial_stiffness_n_m().powi(2);
     }
     let resolved = power[0].sqrt() < Criteria::STANDARD.step_share * power[1].sqrt();

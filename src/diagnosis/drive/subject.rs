@@ -391,7 +391,7 @@ impl Subject for Drive<'_> {
         let at_bound = asked.held() && !h.is_whole()
             || h.is_at_bound()
             || h.law().is_usual(&state.ground(self.balance), state.dry_n(), &amplitudes)
-            || h.law().is_void(&model.ground(self.balance));
+            || h.law().is_void(&model.ground(self.balance), &amplitudes);
         model.take_up(self.balance, Accepted::found(h, amplitudes));
         Some(Fitted { hypothesis: h, model, evidence_nats, level_nats: self.level(state), at_bound })
     }

@@ -114,7 +114,7 @@ impl Law for Backlash {
     }
 
     /// A gap in which the spring is most of the time is no spring, and its Jacobian none.
-    fn is_void(&self, ground: &Ground<'_>) -> bool {
+    fn is_void(&self, ground: &Ground<'_>, _: &[f64]) -> bool {
         let lost = ground.mean_stiffness(&self.springs(ground));
         ground.signals.sides() == 2 && lost.iter().any(|l| -l > 0.5 * ground.mechanics.stiffness_n_m)
     }

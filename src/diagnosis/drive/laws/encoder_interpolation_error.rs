@@ -5,6 +5,7 @@ use crate::plant::effects::encoder_interpolation_error::{
     AMPLITUDE, EncoderError, HARMONICS, PERIOD, SPECIFICATION,
 };
 use crate::plant::effects::periodic::waves;
+use std::f64::consts::TAU;
 
 pub(super) const EFFECT: Effect = Effect {
     candidates: |search| {
@@ -60,6 +61,13 @@ impl Law for Interpolation {
 
     fn columns(&self, ground: &Ground<'_>, port: Port) -> Option<Vec<TimeColumn>> {
         Some(ground.encoder(port, |track| self.full(&ground.at(port, track))))
+    }
+
+    /// What reads backwards somewhere is no encoder.
+    fn is_void(&self, _: &Ground<'_>, amplitudes: &[f64]) -> bool {
+        let slopes =
+            amplitudes.chunks_exact(2).zip(1..).map(|(a, harmonic)| f64::from(harmonic) * a[0].hypot(a[1]));
+        TAU * slopes.sum::<f64>() > self.period_m
     }
 
     fn follow(&mut self, amplitudes: &[f64]) {

@@ -186,8 +186,8 @@ pub(crate) trait Law {
         false
     }
 
-    /// True where with the numbers that a fit leaves it is no law at all.
-    fn is_void(&self, _ground: &Ground<'_>) -> bool {
+    /// True where with the numbers and amplitudes that a fit leaves it is no law at all.
+    fn is_void(&self, _ground: &Ground<'_>, _amplitudes: &[f64]) -> bool {
         false
     }
 
