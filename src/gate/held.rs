@@ -88,8 +88,8 @@ fn groups(mut holds: Vec<Hold>) -> Vec<Vec<Hold>> {
 
 /// Runs of a position: so many steps were due while it stood.
 ///
-/// S = n / ln 10 (Poisson), n q = (L - 1) min(|v_b|, |v_a|); where a motion turned, began or ended meanwhile the
-/// jump behind it
+/// S = n / ln 10 (Poisson), n q = (L - 1) min(|v_b|, |v_a|); where a motion turned, began or ended meanwhile
+/// the jump behind it
 fn of_position(work: &Work<'_>, axis: &AxisColumns, column: AxisColumn) -> Vec<Hold> {
     const AROUND: usize = 5;
     let c = work.criteria;

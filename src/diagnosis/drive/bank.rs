@@ -45,7 +45,7 @@ pub(super) fn candidates(balance: &Balance, state: &State) -> Vec<Hypothesis> {
     list
 }
 
-/// Whether two cuts at one time are one: a harmonic of a cut may differ from its mean, and is no other spindle.
+/// Whether two cuts at one time are one: a harmonic may differ from its mean, and is no other spindle.
 fn is_one_cut(a: &Hypothesis, b: &Hypothesis) -> bool {
     let (Shape::Cut(a), Shape::Cut(b)) = (a.shape, b.shape) else { return false };
     let both_s = a.window_s[1].min(b.window_s[1]) - a.window_s[0].max(b.window_s[0]);
