@@ -119,6 +119,11 @@ crate::keyframe::keep!(GuidewayState {
 });
 
 impl GuidewayState {
+    /// Nothing of the stretch before counts.
+    fn begin_stretch(&mut self) {
+        (self.stretch, self.way_m, self.block.way_m) = (Stretch::default(), 0.0, 0.0);
+    }
+
     /// The same with what was learned before.
     pub(super) fn with(mut self, evidence: Evidence) -> Self {
         self.weights = evidence.weights();
@@ -203,7 +208,7 @@ impl Guideway {
         let looks = block.count.div_ceil(LOOKED_AT);
         state.unknown = (block.doubt / f64::from(looks)).max(0.0).sqrt() > TOLERATED;
         if !block.whole {
-            (state.stretch, state.way_m, state.block.way_m) = (Stretch::default(), 0.0, 0.0);
+            state.begin_stretch();
             return;
         }
         let accel_m_s2 = (velocity_m_s - block.velocity_m_s) * part / self.period_s;
@@ -212,7 +217,7 @@ impl Guideway {
         state.stretch.add(force_n, block.share.map(|h| h * part), memory);
         if state.stretch.count >= BLOCKS {
             self.learn(state);
-            (state.stretch, state.way_m, state.block.way_m) = (Stretch::default(), 0.0, 0.0);
+            state.begin_stretch();
         }
     }
 
