@@ -179,27 +179,38 @@ impl Balance {
         let all = gram.sum(&self.plan, Part::All);
         let weights = design.weights(&all, beta);
         let (nats, known) = (design.nats(&all, beta), design.told_by_values(&all, &weights));
-        let of = |(part, of_rest): (Part, Vec<f64>)| {
-            let rest = gram.sum_without(&self.plan, part);
-            let known_of_rest = design.told_by_values(&rest, &weights_of(&rest, (&all, &weights)));
-            let prior = &known / (2.0 * values(&all)).max(1.0);
-            let open = design.log_det_free(&known).zip(design.log_det_free(&(known_of_rest + prior)));
+        let prior = &known / (2.0 * values(&all)).max(1.0);
+        let of = |rest: Rest| {
+            let known_of_rest = design.told_by_values(&rest.bands, &rest.weights);
+            let open = design.log_det_free(&known).zip(design.log_det_free(&(known_of_rest + &prior)));
             // Its weights are those of all, so another fit may be the better one under its own.
-            let nats_of_rest = design.nats(&rest, &of_rest).min(design.nats(&rest, beta));
+            let nats_of_rest = design.nats(&rest.bands, &rest.beta).min(design.nats(&rest.bands, beta));
             nats - nats_of_rest + open.map_or(0.0, |(all, rest)| 0.5 * (all - rest))
         };
-        self.parts().into_iter().zip(self.foretold(gram, design, beta)).map(of).collect()
+        self.rests(gram, design, beta, (&all, &weights)).map(of).collect()
     }
 
     /// Coefficients for each of [`Self::parts`] by a fit to all else.
     pub(super) fn foretold(&self, gram: &Gram, design: &Design, beta: &[f64]) -> Vec<Vec<f64>> {
         let all = gram.sum(&self.plan, Part::All);
         let weights = design.weights(&all, beta);
-        let of = |part: Part| {
+        self.rests(gram, design, beta, (&all, &weights)).map(|rest| rest.beta).collect()
+    }
+
+    /// All but each of [`Self::parts`], fitted.
+    fn rests(
+        &self,
+        gram: &Gram,
+        design: &Design,
+        beta: &[f64],
+        all: (&[BandGram], &[Spread]),
+    ) -> impl Iterator<Item = Rest> {
+        self.parts().into_iter().map(move |part| {
             let bands = gram.sum_without(&self.plan, part);
-            design.fit_under(&bands, beta, &weights_of(&bands, (&all, &weights)))
-        };
-        self.parts().into_iter().map(of).collect()
+            let weights = weights_of(&bands, all);
+            let beta = design.fit_under(&bands, beta, &weights);
+            Rest { bands, weights, beta }
+        })
     }
 
     /// Weights of a floor that is flat below the bands it is read off in.
@@ -223,6 +234,13 @@ impl Balance {
         let other = design.fit(bands, beta.to_vec(), flat);
         if other.nats < one.nats { other } else { one }
     }
+}
+
+/// What is not held out: its inner products, their weights by the noise of all, and the fit to them.
+struct Rest {
+    bands: Vec<BandGram>,
+    weights: Vec<Spread>,
+    beta: Vec<f64>,
 }
 
 /// The stated numbers on the screw axis.
