@@ -129,7 +129,13 @@ impl Window<'_> {
     /// Where nothing is known a line may have stood in air too: then it is not the cut's, unless no stable
     /// cut is as loud.
     fn over_stable(&self) -> f64 {
-        if self.context.no_model { 2.0 * self.line.power_n2 / self.context.stable_n2 } else { f64::INFINITY }
+        let Context { no_model, entries_known, cuts, stable_n2, .. } = *self.context;
+        match (no_model, entries_known && !cuts) {
+            (true, _) => 2.0 * self.line.power_n2 / stable_n2,
+            // No tool is in the cut.
+            (_, true) => 0.0,
+            _ => f64::INFINITY,
+        }
     }
 
     /// Turns of the spindle in the window.

@@ -4,8 +4,8 @@
 //! it was switched on within some milliseconds and stands or fades since. The whitening filter leaves more of
 //! a beginning than of what follows, where it knows noise at the place of the line.
 
-use super::criteria::{CRITERIA, LONGEST, MEMORY, PAST, RATES_1_S, RISES, WINDOWS};
-use super::window::{Context, Detection, Reason, Window, fit, fits, loudness_nats};
+use super::criteria::{LONGEST, MEMORY, PAST, RATES_1_S, RISES, WINDOWS};
+use super::window::{Context, Detection, Reason, Window, loudness_nats};
 use nalgebra::Complex;
 use std::f64::consts::TAU;
 
@@ -18,32 +18,13 @@ impl Window<'_> {
         let grown = self.growth_nats() + loudness_nats(found.power_n2, self.context.stable_n2);
         // All else that begins with a cut is there at once, too.
         let least = if self.context.learning { levels.cause_nats } else { levels.switched_nats };
-        found.switched_on = grown < -least;
-        let uncertain = self.context.learning || self.under_noise();
-        if found.switched_on || (grown < levels.switched_nats && !uncertain) {
-            found.least(CRITERIA.hold * (1.0 + grown / levels.switched_nats), Reason::Interference);
-        }
-        if found.evidence > CRITERIA.hold && !self.context.learning && self.seen >= self.e.len() + WINDOWS[0]
-        {
+        let grew = (grown / least).clamp(-1.0, 1.0);
+        if grew > -1.0 && !self.context.learning && self.seen >= self.e.len() + WINDOWS[0] {
             let stayed = self.stayed() / levels.cause_nats;
-            found.switched_on |= stayed < -1.0;
             found.least(stayed, Reason::Interference);
+            found.moved = stayed < -1.0;
         }
-    }
-
-    /// Whether the beginning of the line is under the noise: only the longest window hears it, and it was not
-    /// there before that.
-    fn under_noise(&self) -> bool {
-        let past = &self.history.white(self.seen)[..self.seen - self.e.len()];
-        if self.e.len() < LONGEST || past.len() < PAST {
-            return false;
-        }
-        let mut before = [C::ZERO; PAST];
-        before.iter_mut().zip(past).for_each(|(to, from)| *to = *from);
-        let step = 0.5 / LONGEST as f64;
-        let old = fits(&before, [-step, 0.0, step].map(|apart| self.turns() + apart), 0.0);
-        let new = fit(&self.e[LONGEST / 2..], self.turns(), 0.0);
-        new < self.context.levels.noise_nats && CRITERIA.louder * old.into_iter().fold(0.0, f64::max) < new
+        found.grew = Some(grew);
     }
 
     /// Evidence, nats, that the line grew and may stand since, against one that was switched on and may have
@@ -116,7 +97,7 @@ fn sizes(filter: &[C; MEMORY + 1], rise: usize, fade: f64) -> [C; WINDOWS[0]] {
 /// Most energy of a line that began as `head` does, at any time.
 fn at_any_time(line: &[C], matched: &[C], head: &[C], (rise, fade): (usize, f64)) -> f64 {
     // Some of the line and some silence before it, or it is no beginning.
-    let seen = WINDOWS[0] / 4;
+    let seen = WINDOWS[0] / 4..=line.len() - line.len() / 8;
     let mut sums = [C::ZERO; RISES[RISES.len() - 1]];
     let (mut over_noise, mut size, mut energy, mut best) = (C::ZERO, C::ZERO, 0.0, 0.0f64);
     let (mut always, mut all) = (C::ZERO, 0.0);
@@ -126,7 +107,7 @@ fn at_any_time(line: &[C], matched: &[C], head: &[C], (rise, fade): (usize, f64)
         sums[k % rise] = over_noise;
         size = if k < head.len() { head[k] } else { size * fade };
         energy += size.norm_sqr();
-        if (seen..=line.len().saturating_sub(seen)).contains(&(k + 1)) {
+        if seen.contains(&(k + 1)) {
             let sum = sums[..rise].iter().sum::<C>() / rise as f64;
             best = best.max(sum.norm_sqr() / energy);
         }
@@ -147,7 +128,7 @@ fn growing(line: &[C], rate_hz: f64) -> f64 {
         let (mut grown, mut energy) = (C::ZERO, 0.0);
         for (q, x) in line.iter().enumerate().rev() {
             // What is older than this value grew, up to the size at which it stands from here on.
-            if q < line.len() - line.len() / 8 {
+            if q < line.len() - line.len() / 4 {
                 best = best.max((stood + grown * back).norm_sqr() / ((q + 1) as f64 + energy * back * back));
             }
             stood -= x;

@@ -314,7 +314,9 @@ impl SubBand {
             } else {
                 Detection::default()
             };
-            state.interference.judge(&mut state.detections[which]);
+            if !context.alarm {
+                state.interference.judge(&mut state.detections[which], which, context.learning);
+            }
             if which == BAND_LEVEL && state.since_change >= n {
                 self.compare(state, &context);
             }

@@ -44,11 +44,13 @@ pub(super) struct Detection {
     pub(super) contrast: f64,
     /// Power of the line, N^2, where it is anything.
     pub(super) power_n2: f64,
-    /// Whether it began at once, and is no chatter that grew.
-    pub(super) switched_on: bool,
+    /// How it began, where that was asked: -1 that it was switched on, 1 that it grew.
+    pub(super) grew: Option<f64>,
+    /// Whether it moved here from elsewhere.
+    pub(super) moved: bool,
 }
 
-keep!(Detection { evidence, over_noise, reason, offset_hz, growth_1_s, contrast, power_n2, switched_on });
+keep!(Detection { evidence, over_noise, reason, offset_hz, growth_1_s, contrast, power_n2, grew, moved });
 
 /// What a sub-band is told with each value.
 #[derive(Debug, Clone, Copy)]
