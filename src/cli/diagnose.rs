@@ -36,12 +36,14 @@ fn run_drive(arguments: &Arguments, model: &Path) -> anyhow::Result<()> {
     let Checked { gated, paths, files, faults } = read_checked(paths, &axes)?;
     let masked = gated.iter().map(Gated::masked).collect();
     let resting = gated.iter().map(Gated::resting).collect();
-    let clock_moved = gated.iter().any(Gated::moved_in_time);
+    let clock_moved = gated.iter().map(Gated::moved_in_time).collect();
+    let thinned = gated.iter().map(Gated::thinned).collect();
     // Recordings of different loggers have no common mean.
     let first = gated.first().map_or([1; 2], |g| g.averaged);
     let averaged = if gated.iter().all(|g| g.averaged == first) { first } else { [1; 2] };
     let recordings: Vec<_> = gated.into_iter().map(|g| g.recording).collect();
-    let options = DiagnoseOptions { budget_s: arguments.budget_s, masked, resting, clock_moved, averaged };
+    let budget_s = arguments.budget_s;
+    let options = DiagnoseOptions { budget_s, masked, resting, clock_moved, thinned, averaged };
     let work = |progress: Progress<'_>| diagnose_with(&machine, &recordings, &options, progress);
     let diagnosis = with_progress(arguments.progress, work).map_err(|error| {
         let concerned = paths.iter().zip(&recordings).filter(|(_, r)| error.concerns(&r.experiment));

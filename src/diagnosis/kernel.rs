@@ -6,12 +6,16 @@
 
 use crate::signal::inner_products::correlate;
 use nalgebra::{SMatrix, SVector};
+use rustfft::FftPlanner;
+use rustfft::num_complex::Complex;
 use std::f64::consts::PI;
 
 /// Moments of the kernel that are made exact: constants up to fourth powers pass without error.
 const MOMENTS: usize = 5;
 /// Half width of the kernel in widths of its Gaussian: exp(-6.2^2/2) = 4.5e-9 is left out.
 const HALF_WIDTHS: f64 = 6.2;
+/// Taps beyond which sums over all of them cost more than transforms.
+const LONG: usize = 400;
 
 /// A finite impulse response, centred: `y[i] = sum_j taps[half + j] x[i - j]`, j from -half to half.
 #[derive(Debug, Clone, PartialEq)]
@@ -175,9 +179,40 @@ impl Kernel {
     /// `y[j]` at sample `first + j step` of `x`, `count` of them. The caller keeps `half` samples on either
     /// side.
     pub(crate) fn apply(&self, x: &[f64], grid: Grid) -> Vec<f64> {
+        if grid.step == 1 && self.taps.len() > LONG {
+            return self.apply_long(x, grid);
+        }
         let reversed: Vec<f64> = self.taps.iter().rev().copied().collect();
         let mut out = vec![0.0; grid.count];
         correlate(x, &reversed, (grid.first - self.half, grid.step), &mut out);
+        out
+    }
+}
+
+impl Kernel {
+    /// The same by overlap-save: blocks by transforms, two of them as real and imaginary part of one.
+    /// Checked by: `a_long_kernel_does_by_blocks_what_it_does_by_sums`.
+    fn apply_long(&self, x: &[f64], grid: Grid) -> Vec<f64> {
+        let n = (4 * self.taps.len()).next_power_of_two();
+        let block = n - 2 * self.half;
+        let mut planner = FftPlanner::new();
+        let (forward, inverse) = (planner.plan_fft_forward(n), planner.plan_fft_inverse(n));
+        let none = Complex::new(0.0, 0.0);
+        let mut response = vec![none; n];
+        response.iter_mut().zip(&self.taps).for_each(|(r, tap)| r.re = tap / n as f64);
+        forward.process(&mut response);
+        let mut out = vec![0.0; grid.count];
+        for (pair, two) in out.chunks_mut(2 * block).enumerate() {
+            let from = grid.first - self.half + 2 * pair * block;
+            let at = |k: usize| x.get(from + k).copied().unwrap_or(0.0);
+            let mut z: Vec<Complex<f64>> = (0..n).map(|k| Complex::new(at(k), at(k + block))).collect();
+            forward.process(&mut z);
+            z.iter_mut().zip(&response).for_each(|(z, r)| *z *= r);
+            inverse.process(&mut z);
+            let (first, second) = two.split_at_mut(block.min(two.len()));
+            first.iter_mut().zip(&z[2 * self.half..]).for_each(|(y, z)| *y = z.re);
+            second.iter_mut().zip(&z[2 * self.half..]).for_each(|(y, z)| *y = z.im);
+        }
         out
     }
 }
@@ -268,7 +303,6 @@ mod tests {
     /// band is not in a sine.
     #[test]
     fn a_held_sine_comes_out_as_the_continuous_loop_makes_it() {
-        use rustfft::num_complex::Complex;
         let (rate, band) = (10_000.0, 800.0);
         for (f, loop_rad_s, advance_s) in
             [(100.0, Some(5000.0), -2e-4), (300.0, Some(2500.0), -1.9e-4), (400.0, None, 0.0)]
@@ -290,6 +324,23 @@ mod tests {
             for k in 0..40 {
                 let want = response.re * sine[k] + response.im * cosine[k];
                 assert!((got[k] - want).abs() < 2e-5, "{f}: {} for {want}", got[k]);
+            }
+        }
+    }
+
+    #[test]
+    fn a_long_kernel_does_by_blocks_what_it_does_by_sums() {
+        let kernel = Kernel::low_pass(20.0, 2000.0, Action { derivative: 1, advance_s: 1e-4 });
+        assert!(kernel.taps.len() > LONG);
+        let x: Vec<f64> = (0..9000).map(|k| (1e-3 * f64::from(k)).sin() + 1e-3 * f64::from(k % 7)).collect();
+        for count in [1, 500, 8000] {
+            let by_blocks = kernel.apply(&x, Grid { first: 460, step: 1, count });
+            let by_sums = |k: usize| {
+                let taps = kernel.taps.iter().enumerate();
+                taps.map(|(j, tap)| tap * x[460 + k + kernel.half - j]).sum::<f64>()
+            };
+            for (k, y) in by_blocks.iter().enumerate() {
+                assert!((y - by_sums(k)).abs() < 1e-9, "{count} {k}: {y} for {}", by_sums(k));
             }
         }
     }

@@ -159,15 +159,48 @@ pub struct DiagnoseOptions {
     /// Those of them, per recording, in which an axis rests: a force below friction says nothing there, but
     /// where a spindle turns a load that comes does.
     pub resting: Vec<Vec<bool>>,
-    /// The caller has moved a column in time: no delay can be told from these recordings.
-    pub clock_moved: bool,
+    /// Per recording, whether the caller has moved a column in time: no delay can be told from it. Empty: of
+    /// none.
+    pub clock_moved: Vec<bool>,
+    /// Per recording, whether the caller has brought it to a lower rate. Empty: none.
+    pub thinned: Vec<bool>,
     /// Rows that the logger averaged the force over, and the positions; 1: none.
     pub averaged: [usize; 2],
 }
 
 impl Default for DiagnoseOptions {
     fn default() -> Self {
-        Self { budget_s: 60.0, masked: Vec::new(), resting: Vec::new(), clock_moved: false, averaged: [1; 2] }
+        Self {
+            budget_s: 60.0,
+            masked: Vec::new(),
+            resting: Vec::new(),
+            clock_moved: Vec::new(),
+            thinned: Vec::new(),
+            averaged: [1; 2],
+        }
+    }
+}
+
+impl DiagnoseOptions {
+    /// Why a recording is not as it was logged: a time that was mended is good to a row or two.
+    fn mended(&self, recording: usize) -> Option<&'static str> {
+        let is = |list: &[bool]| list.get(recording).copied().unwrap_or(false);
+        match (is(&self.thinned), is(&self.clock_moved)) {
+            (true, _) => Some("it was brought to a lower rate"),
+            (_, true) => Some("a column was moved in time"),
+            _ => None,
+        }
+    }
+
+    /// The same without some recordings.
+    fn without(&self, left_out: &[usize]) -> Self {
+        Self {
+            masked: without(&self.masked, left_out),
+            resting: without(&self.resting, left_out),
+            clock_moved: without(&self.clock_moved, left_out),
+            thinned: without(&self.thinned, left_out),
+            ..*self
+        }
     }
 }
 
@@ -196,8 +229,11 @@ pub fn diagnose_with(
     progress: Progress<'_>,
 ) -> Result<Diagnosis, DiagnoseError> {
     let axes = recorded_axes(machine, recordings)?;
-    let first_hz = recordings[0].sample_rate.hz();
-    if let Some(other) = recordings.iter().find(|r| (r.sample_rate.hz() / first_hz - 1.0).abs() > 1e-6) {
+    let all_mended = (0..recordings.len()).all(|k| options.mended(k).is_some());
+    let counts = |(k, _): &(usize, &Recording)| all_mended || options.mended(*k).is_none();
+    let mut counted = recordings.iter().enumerate().filter(counts).map(|(_, r)| r);
+    let first_hz = counted.clone().next().map_or(0.0, |r| r.sample_rate.hz());
+    if let Some(other) = counted.find(|r| (r.sample_rate.hz() / first_hz - 1.0).abs() > 1e-6) {
         let (recording, rate_hz) = (other.experiment.clone(), other.sample_rate.hz());
         return Err(DiagnoseError::MixedRates { recording, rate_hz, first_hz });
     }
@@ -234,32 +270,50 @@ pub fn diagnose_with(
     Err(why)
 }
 
-/// Diagnoses an axis from all recordings but those in which it stands (`stands`) while a spindle turns: what
-/// moves it there by less than a guide gives is the cut.
+/// Diagnoses an axis from all recordings but those that say less than the others, see [`left_out`].
 fn moving(
     model: (&Machine, &AxisModel),
     recordings: &[Recording],
     options: DiagnoseOptions,
     (stands, progress): (&[bool], Progress<'_>),
 ) -> Result<Diagnosis, DiagnoseError> {
-    let out = |k: &usize| stands[*k] && cuts::turns_hz(&recordings[*k]).is_some();
-    let left_out: Vec<usize> = (0..recordings.len()).filter(out).collect();
+    let out = left_out(model.1, recordings, (&options, stands));
+    let left_out: Vec<usize> = out.iter().map(|(k, _)| *k).collect();
     if left_out.is_empty() {
         return drive::diagnose(model, recordings, &options, progress);
     }
-    let options = DiagnoseOptions {
-        masked: without(&options.masked, &left_out),
-        resting: without(&options.resting, &left_out),
-        ..options
-    };
+    let options = options.without(&left_out);
     let mut diagnosis = drive::diagnose(model, &without(recordings, &left_out), &options, progress)?;
-    let note = |k: &usize| {
-        let name = &recordings[*k].experiment;
-        format!("{name}: left out, since the axis stands in it while the spindle turns.")
-    };
-    diagnosis.notes.extend(left_out.iter().map(note));
+    let note = |(k, why): &(usize, &str)| format!("{}: left out, since {why}.", recordings[*k].experiment);
+    diagnosis.notes.extend(out.iter().map(note));
     diagnosis.left_out = left_out;
     Ok(diagnosis)
+}
+
+/// Recordings of which nothing is asked, and why: where the axis stands while a spindle turns what moves it,
+/// by less than a guide gives, is the cut; one whose times were mended says less than one that is whole; and
+/// one whose logger rounded a position says nothing of a spring that the others show.
+fn left_out(
+    axis: &AxisModel,
+    recordings: &[Recording],
+    (options, stands): (&DiagnoseOptions, &[bool]),
+) -> Vec<(usize, &'static str)> {
+    let cut = |k: usize| stands[k] && cuts::turns_hz(&recordings[k]).is_some();
+    let all = || 0..recordings.len();
+    let mut out: Vec<(usize, &str)> =
+        all().filter(|k| cut(*k)).map(|k| (k, "the axis stands in it while the spindle turns")).collect();
+    let further = |out: &[(usize, &str)], more: Vec<(usize, &'static str)>| {
+        let others = recordings.len() > out.len() + more.len();
+        if others { more } else { Vec::new() }
+    };
+    let open = |out: &[(usize, &str)]| all().filter(|k| out.iter().all(|(o, _)| o != k)).collect::<Vec<_>>();
+    let mended = open(&out).into_iter().filter_map(|k| options.mended(k).map(|why| (k, why))).collect();
+    out.extend(further(&out, mended));
+    let rounded = drive::rounded_by_the_logger(axis, recordings, &open(&out));
+    let why = "its logger rounded a position, and other recordings tell the spring";
+    out.extend(further(&out, rounded.into_iter().map(|k| (k, why)).collect()));
+    out.sort_unstable();
+    out
 }
 
 /// `all` but those with these indices.

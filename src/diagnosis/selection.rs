@@ -124,6 +124,9 @@ pub(crate) trait Subject {
 
     /// The model after something was taken up: numbers moved, shapes refined again.
     fn settle(&self, model: Self::Model, work: &mut Work) -> Self::Model;
+
+    /// Gain of a settled model over another one, less the price of what it has more, nats.
+    fn gain_nats(&self, before: &Self::Model, settled: &Self::Model) -> f64;
 }
 
 /// How far the selection goes.
@@ -190,19 +193,43 @@ pub(crate) fn select<S: Subject>(
             fitted.extend(fit);
         }
         subject.compare(&out.model, &mut fitted);
-        fitted.sort_by(|a, b| {
-            b.qualifies().cmp(&a.qualifies()).then(b.evidence_nats.total_cmp(&a.evidence_nats))
-        });
-        let accepted = taken < reach.most_findings && fitted.first().is_some_and(Fitted::qualifies);
-        if let Some(best) = fitted.first().filter(|_| accepted) {
-            out.model = subject.settle(best.model.clone(), work);
-        }
+        best_first(&mut fitted);
+        let open = if taken < reach.most_findings { &mut fitted[..] } else { &mut [] };
+        let settled = settled(subject, &out.model, open, work);
+        let accepted = settled.is_some();
+        out.model = settled.unwrap_or(out.model);
+        best_first(&mut fitted);
         out.rounds.push(Round { fitted, screened, accepted });
         if !accepted {
             break;
         }
     }
     out
+}
+
+fn best_first<H, M>(fitted: &mut [Fitted<H, M>]) {
+    fitted
+        .sort_by(|a, b| b.qualifies().cmp(&a.qualifies()).then(b.evidence_nats.total_cmp(&a.evidence_nats)));
+}
+
+/// The model with the first of these that gains what it must once all has settled beside it: a law may have
+/// been fitted beside numbers that the model does not have with it. One that does not gain has no more
+/// evidence than that.
+fn settled<S: Subject>(
+    subject: &S,
+    before: &S::Model,
+    fitted: &mut [Fitted<S::Hypothesis, S::Model>],
+    work: &mut Work,
+) -> Option<S::Model> {
+    for fit in fitted.iter_mut().filter(|fit| fit.qualifies()) {
+        let model = subject.settle(fit.model.clone(), work);
+        let gained = subject.gain_nats(before, &model);
+        if gained > fit.level_nats {
+            return Some(model);
+        }
+        fit.evidence_nats = fit.evidence_nats.min(gained);
+    }
+    None
 }
 
 /// Of each effect and port the shape that promises most.
@@ -269,6 +296,10 @@ mod tests {
 
         fn settle(&self, model: Vec<usize>, _: &mut Work) -> Vec<usize> {
             model
+        }
+
+        fn gain_nats(&self, _: &Vec<usize>, settled: &Vec<usize>) -> f64 {
+            settled.last().map_or(0.0, |h| 100.0 * *h as f64)
         }
     }
 

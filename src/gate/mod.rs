@@ -79,7 +79,17 @@ impl Gated {
     /// True where a column was moved in time against another.
     #[must_use]
     pub fn moved_in_time(&self) -> bool {
-        self.faults.iter().any(|f| f.kind == FaultKind::ClockOffset && f.action == Action::Correct)
+        self.corrected(FaultKind::ClockOffset)
+    }
+
+    /// True where the recording was brought to a lower rate.
+    #[must_use]
+    pub fn thinned(&self) -> bool {
+        self.corrected(FaultKind::LowerRate)
+    }
+
+    fn corrected(&self, kind: FaultKind) -> bool {
+        self.faults.iter().any(|f| f.kind == kind && f.action == Action::Correct)
     }
 
     /// One a row: whether it lies in a stretch that a fit must leave out. A row or two that were bridged bend

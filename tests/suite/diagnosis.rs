@@ -509,3 +509,66 @@ fn a_rigid_axis_warms_up_by_the_time_since_its_recording_began() {
     assert_eq!(said[0].first().map(|f| f.0), Some("friction_drift"), "{said:?}");
     assert_eq!(said[0], said[1]);
 }
+
+/// By the first order a late encoder is damping: of the motor's side less, of the stage's more.
+#[test]
+fn encoders_that_nobody_says_are_read_apart_are_told_and_no_damping_is() {
+    let (machine, recordings) = healthy(12);
+    let raw = machine.axes[0].drive.raw().clone();
+    let apart_s = 6.0e-5;
+    let late: Vec<Recording> = recordings.iter().map(|r| stage_later(r, apart_s)).collect();
+    let unsaid = restated(&machine, |raw| raw.stage_encoder_delay_s = None);
+    let d = diagnose(&unsaid, &late, &|_, _| {}).unwrap();
+    assert!(d.findings.is_empty(), "{:?}", d.findings.iter().map(|f| &f.statement).collect::<Vec<_>>());
+    let told = &d.parameter_corrections;
+    let true_s = apart_s + raw.stage_encoder_delay_s.unwrap_or(0.0);
+    assert!(told.len() == 1 && told[0].name == "stage_encoder_delay_s", "{told:?}");
+    assert!((told[0].value - true_s).abs() < 5.0e-6, "{told:?}, true {true_s}");
+    assert_eq!(d.model.axes[0].drive.raw().stage_encoder_delay_s, Some(told[0].value));
+}
+
+/// The stage's position as an encoder has it that is read later, by cubic interpolation.
+fn stage_later(recording: &Recording, by_s: f64) -> Recording {
+    let mut late = recording.clone();
+    let u = by_s * recording.sample_rate.hz();
+    assert!((0.0..1.0).contains(&u));
+    for column in late.columns.iter_mut().filter(|c| c.name.contains("stage")) {
+        let x = column.values.clone();
+        // Lagrange's polynomial through rows i - 2 to i + 1, at i - u.
+        let at = |i: usize| {
+            let rows = [-2.0, -1.0, 0.0, 1.0];
+            (0..4)
+                .map(|k| {
+                    let basis: f64 =
+                        (0..4).filter(|m| *m != k).map(|m| (-u - rows[m]) / (rows[k] - rows[m])).product();
+                    basis * x[i + k - 2]
+                })
+                .sum::<f64>()
+        };
+        for i in 2..x.len() - 1 {
+            column.values[i] = at(i);
+        }
+    }
+    late
+}
+
+/// A recording whose times were put right, or whose logger rounded a position, says less than one that is
+/// whole.
+#[test]
+fn a_recording_that_was_mended_is_left_out_where_others_are_whole() {
+    let (machine, recordings) = healthy(12);
+    let sound = diagnose(&machine, &recordings, &|_, _| {}).unwrap();
+    assert!(sound.left_out.is_empty() && sound.verdict == Verdict::ModelAdequate);
+    let mut bad = recordings.clone();
+    let late = (2.0e-3 * machine.sample_rate.hz()) as usize;
+    let current = bad[2].columns.iter_mut().find(|c| c.name.contains("current")).unwrap();
+    current.values.rotate_right(late);
+    let options = DiagnoseOptions { clock_moved: vec![false, false, true], ..DiagnoseOptions::default() };
+    let d = diagnose_with(&machine, &bad, &options, &|_, _| {}).unwrap();
+    assert_eq!((d.verdict, &d.left_out[..]), (Verdict::ModelAdequate, &[2][..]), "{:?}", d.notes);
+    let mut bad = recordings.clone();
+    let angle = bad[1].columns.iter_mut().find(|c| c.name.contains("motor_angle")).unwrap();
+    angle.values.iter_mut().for_each(|x| *x = (*x / 0.08).round() * 0.08);
+    let d = diagnose(&machine, &bad, &|_, _| {}).unwrap();
+    assert_eq!((d.verdict, &d.left_out[..]), (Verdict::ModelAdequate, &[1][..]), "{:?}", d.notes);
+}

@@ -518,6 +518,11 @@ impl Subject for Cut<'_> {
         }
     }
 
+    /// A settled model has no poorer value than the one it came from.
+    fn gain_nats(&self, _: &Model, _: &Model) -> f64 {
+        f64::INFINITY
+    }
+
     /// Numbers to the end; then each law again that was there before: what was taken up first had to stand
     /// for all that was missing, and may be a rival's.
     fn settle(&self, model: Model, work: &mut Work) -> Model {

@@ -99,7 +99,9 @@ impl Case<'_> {
         let repeats_n = Criteria::STANDARD.repeatability * thrust_n;
         let share =
             1.0 - (left.force_n.powi(2) - repeats_n.powi(2)).max(0.0) / before.force_n.max(1e-300).powi(2);
-        let named = !found.is_empty() && (!is_left || share > Criteria::STANDARD.named_share);
+        // Nothing is said by a model that leaves more than drives the axis.
+        let says = state_n < thrust_n;
+        let named = !found.is_empty() && says && (!is_left || share > Criteria::STANDARD.named_share);
         let of = if as_stated { self.start } else { &state };
         let mut corrections = self.all_corrections(of, &settled);
         let bent = self.out_of_budget && found.is_empty() && !corrections.is_empty();

@@ -2,11 +2,14 @@
 
 use super::columns::{Ground, TimeColumn, derivative};
 use super::gram::{BandGram, Column, Gram, Part};
+use super::laws::Law;
+use super::laws::dead_time::EncoderDelay;
 use super::likelihood::{Design, Fit, Spread, values, weights_of};
 use super::number::{Mechanics, Number, TURNING};
 use super::signals::{Layout, Path, Signals};
 use super::spectra::{FOLDS, Plan};
 use crate::plant::drive::DriveParams;
+use crate::plant::effects::Port;
 use std::sync::Arc;
 
 /// A central difference of the thrust over its time of arrival, samples.
@@ -23,20 +26,26 @@ pub(super) struct Balance {
     pub(super) plan: Plan,
     /// A column was moved in time: when a reference acts is free, and no delay is asked about.
     pub(super) clock_moved: bool,
+    /// Nobody states when both encoders are read: how much later one is than the other is a number.
+    pub(super) encoders_apart: bool,
     /// Columns that never change, by number.
     pub(super) fixed: Vec<(Number, Column)>,
 }
 
 impl Balance {
     /// Columns of the numbers that are linear in signals alone.
-    pub(super) fn new(drive: DriveParams, signals: Signals, clock_moved: bool) -> Self {
+    pub(super) fn new(
+        drive: DriveParams,
+        signals: Signals,
+        [clock_moved, encoders_apart]: [bool; 2],
+    ) -> Self {
         let masked: Vec<Vec<bool>> = signals.tracks.iter().map(|t| t.masked.clone()).collect();
         // One position tells friction at the lowest frequencies, where every real axis leaves most: weights
         // by band would give those few bins away for the many of the noise.
         let white = signals.layout != Layout::TwoPositions;
         let plan = Plan::new(&masked, signals.thin_rate_hz(), (signals.top_hz(), white));
-        let mut out = Self { drive, signals, plan, clock_moved, fixed: Vec::new() };
-        let changing = |n: &Number| n.is_dry_friction() || *n == N::Timing;
+        let mut out = Self { drive, signals, plan, clock_moved, encoders_apart, fixed: Vec::new() };
+        let changing = |n: &Number| n.is_dry_friction() || matches!(n, N::Timing | N::EncoderTiming);
         out.fixed = out
             .numbers()
             .into_iter()
@@ -67,6 +76,8 @@ impl Balance {
                 vec![N::StageMass, N::StageDamping, N::StageCoulomb, N::Timing, N::Stiffness, N::Zero]
             }
         };
+        let two = self.signals.layout == Layout::TwoPositions;
+        numbers.extend((two && self.encoders_apart).then_some(N::EncoderTiming));
         let of_motor = numbers.contains(&N::MotorCoulomb);
         let parts = 0..TURNING.len();
         numbers.extend(parts.clone().filter(|_| of_motor).map(N::MotorTurning));
@@ -112,6 +123,7 @@ impl Balance {
             | N::MotorTurning(_)
             | N::StageTurning(_)
             | N::Timing
+            | N::EncoderTiming
             | N::Lag => TimeColumn::default(),
         }
     }
@@ -136,6 +148,11 @@ impl Balance {
                     .map(|(a, b)| a.iter().zip(b).map(|(a, b)| (a - b) / (2.0 * by)).collect())
                     .collect();
                 TimeColumn::at(0, rate)
+            }
+            N::EncoderTiming => {
+                let by_s = TIMING_STEP / self.signals.rate_hz;
+                let later = EncoderDelay::by(by_s).columns(state, Port::StageEncoder).unwrap_or_default();
+                TimeColumn::sum(later.iter().map(|column| (column, by_s.recip())))
             }
             N::Lag => {
                 let slower = state.path.loop_rad_s.map(|w| LAG_STEP * w);

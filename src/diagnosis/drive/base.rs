@@ -15,7 +15,7 @@ use std::sync::Arc;
 
 /// Steps of the bandwidth, and samples of a delay that was found, that a fit may take at once.
 const MOST_STEPS: f64 = 15.0;
-const MOST_DELAY_SAMPLES: f64 = 2.0;
+pub(super) const MOST_DELAY_SAMPLES: f64 = 2.0;
 
 use Number as N;
 
@@ -73,6 +73,7 @@ fn number_bounds(balance: &Balance, now: &Standing, (number, accepted): (Number,
             let within_s = now.path.delay_s + encoders_s + lag_s + mean_s + 2.0 / balance.signals.rate_hz;
             [-within_s, within_s].map(|s| s - now.timing_s)
         }
+        N::EncoderTiming => [-MOST_DELAY_SAMPLES, MOST_DELAY_SAMPLES].map(|s| s / balance.signals.rate_hz),
         N::Timing => {
             let [low, high] = Criteria::STANDARD.timing_samples;
             let high = if balance.signals.layout == Layout::TwoPositions { 0.0 } else { high };

@@ -33,10 +33,12 @@ impl Drive<'_> {
             let fitted = best
                 .and_then(|(h, _)| Self::beside_chance(self.balance, chance(h)).fit(&state, h, work))
                 .filter(Fitted::qualifies);
-            match fitted {
-                Some(fitted) => state = self.settled(fitted.model, PASSES, work),
-                None => return state,
+            let Some(fitted) = fitted else { return state };
+            let settled = self.settled(fitted.model, PASSES, work);
+            if self.gain_nats(&state, &settled) <= fitted.level_nats {
+                return state;
             }
+            state = settled;
         }
     }
 }

@@ -32,6 +32,7 @@ mod state;
 mod subject;
 mod words;
 
+use super::criteria::{Criteria, Z95};
 use super::cuts::spindle_hz;
 use super::selection::{Reach, Work, select};
 use super::{DiagnoseError, DiagnoseOptions, Diagnosis, Progress};
@@ -42,7 +43,29 @@ use crate::sample::Recording;
 const PASSES: usize = 2;
 /// Samples times evaluations of screening and fits for a second of the budget on one thread of a slow office
 /// machine, which makes 1e7 of them: the rest is for the answer.
-const SAMPLES_PER_S: f64 = 6.0e6;
+const SAMPLES_PER_S: f64 = 8.0e6;
+
+/// Of these recordings those in which a position has twice the step that it has in another one, if without
+/// them both positions are a balance and with them they are not.
+pub(in crate::diagnosis) fn rounded_by_the_logger(
+    axis: &AxisModel,
+    recordings: &[Recording],
+    among: &[usize],
+) -> Vec<usize> {
+    let layout =
+        |of: &[usize]| signals::layout(axis, &of.iter().map(|k| recordings[*k].clone()).collect::<Vec<_>>());
+    if among.len() < 2 || layout(among) != signals::Layout::OnePosition {
+        return Vec::new();
+    }
+    let steps_m: Vec<[f64; 2]> =
+        among.iter().map(|k| signals::found_steps_m(axis, &recordings[*k])).collect();
+    let finest_m = [0, 1].map(|side| steps_m.iter().map(|s| s[side]).fold(f64::INFINITY, f64::min));
+    let is_coarse = |s: &[f64; 2]| (0..2).any(|side| s[side] > 2.0 * finest_m[side]);
+    let (coarse, fine): (Vec<usize>, Vec<usize>) = (0..among.len()).partition(|k| is_coarse(&steps_m[*k]));
+    let [coarse, fine] = [coarse, fine].map(|of| of.into_iter().map(|k| among[k]).collect::<Vec<_>>());
+    let tells = !fine.is_empty() && layout(&fine) == signals::Layout::TwoPositions;
+    if tells { coarse } else { Vec::new() }
+}
 
 /// Evaluations that screening and fits may take.
 fn work_of(options: &DiagnoseOptions, recordings: &[Recording]) -> Work {
@@ -50,16 +73,17 @@ fn work_of(options: &DiagnoseOptions, recordings: &[Recording]) -> Work {
     Work::new((options.budget_s * SAMPLES_PER_S / samples.max(1) as f64) as u64)
 }
 
-/// The balance of an axis. Errors: as [`signals::Signals::new`]; too little was measured.
+/// The balance of an axis; `encoders_apart`: see [`state::Balance`]. Errors: as [`signals::Signals::new`]; too little was measured.
 fn balance_of(
     axis: &AxisModel,
     recordings: &[Recording],
     options: &DiagnoseOptions,
+    encoders_apart: bool,
 ) -> Result<state::Balance, DiagnoseError> {
     let signals = signals::Signals::new(axis, recordings, &options.masked, options.averaged)?;
     // When a mean over rows acts nobody says.
-    let clock_moved = options.clock_moved || options.averaged != [1; 2];
-    let balance = state::Balance::new(axis.drive.clone(), signals, clock_moved);
+    let clock_moved = options.clock_moved.contains(&true) || options.averaged != [1; 2];
+    let balance = state::Balance::new(axis.drive.clone(), signals, [clock_moved, encoders_apart]);
     if let Some(first) = recordings.first().filter(|_| !balance.plan.is_enough()) {
         let recording = first.experiment.clone();
         let samples = balance.plan.measured() as usize * balance.signals.step;
@@ -117,10 +141,10 @@ fn beside_cut(
     if recordings.iter().any(|r| spindle_hz(r).is_none()) {
         return None;
     }
-    let axis = given::folded(stated);
     let masked = entry::without(&options.masked, &options.resting);
     let whole = DiagnoseOptions { masked, ..options.clone() };
-    let balance = balance_of(&axis, recordings, &whole).ok()?;
+    let axis = given::folded(stated);
+    let balance = balance_of(&axis, recordings, &whole, false).ok()?;
     let (start, _) = start_of(&axis, &balance);
     let cut = entry::entered(&balance, &start, &mut work_of(options, recordings))?;
     let rows = cut.rows(&balance);
@@ -149,9 +173,8 @@ pub(in crate::diagnosis) fn diagnose(
     if let Some(answer) = beside_cut(machine, stated, recordings, options, progress) {
         return Ok(answer);
     }
-    let axis = given::folded(stated);
     let mut work = work_of(options, recordings);
-    let balance = balance_of(&axis, recordings, options)?;
+    let (axis, balance) = together(stated, recordings, options, &mut work)?;
     let (start, notes) = start_of(&axis, &balance);
     let drive = subject::Drive::new(&balance);
     let clean = drive.without_faults(start.clone(), &mut work);
@@ -173,4 +196,40 @@ pub(in crate::diagnosis) fn diagnose(
     let diagnosis = case.answer(selected.model);
     progress(1.0, "done");
     Ok(diagnosis)
+}
+
+/// The axis with its terms folded into keys, and its balance. Where nobody states when the encoders are read
+/// the positions are taken as they belong together, once the two things are known that bend that most: what
+/// lies between command and thrust. By a first-order law of the damped spring a dead time is structural
+/// damping of the motor's side, and one encoder's delay is that of both, with opposite signs.
+fn together(
+    stated: &AxisModel,
+    recordings: &[Recording],
+    options: &DiagnoseOptions,
+    work: &mut Work,
+) -> Result<(AxisModel, state::Balance), DiagnoseError> {
+    let raw = stated.drive.raw();
+    let apart = raw.motor_encoder_delay_s.and(raw.stage_encoder_delay_s).is_none();
+    let mut axis = given::folded(stated);
+    let mut balance = balance_of(&axis, recordings, options, apart)?;
+    let mut open = balance.numbers().contains(&number::Number::EncoderTiming);
+    for _ in 0..PASSES {
+        if !open {
+            break;
+        }
+        let (start, _) = start_of(&axis, &balance);
+        let path = subject::Drive::of_path(&balance);
+        let known = select(&path, start, Reach::default(), work, &|_, _| {});
+        let later_s = known.model.stage_is_later_s();
+        let [usual_s, most_s] = [Z95 * Criteria::STANDARD.timing_deviation, base::MOST_DELAY_SAMPLES]
+            .map(|samples| samples / balance.signals.rate_hz);
+        if later_s.abs() < usual_s {
+            break;
+        }
+        // One at the bound may be more.
+        open = later_s.abs() >= most_s;
+        axis = given::read_later(&axis, later_s);
+        balance = balance_of(&axis, recordings, options, apart)?;
+    }
+    Ok((axis, balance))
 }

@@ -28,6 +28,8 @@ pub(in crate::diagnosis) enum Number {
     StageTurning(usize),
     /// When a reference acts.
     Timing,
+    /// By how much the stage's encoder is read later than the motor's, where nobody states when they are.
+    EncoderTiming,
     /// Bandwidth of a current loop that was found, in steps of a fiftieth.
     Lag,
     /// Zero of the stretch.
@@ -47,7 +49,11 @@ impl Number {
 
     /// True for what the motion of the motor needs by itself: inertia, dampers, the spring.
     pub(super) fn is_linear_in_motion(self) -> bool {
-        matches!(self, Self::MotorMass | Self::MotorDamping | Self::Stiffness | Self::StructuralDamping)
+        use Number as N;
+        matches!(
+            self,
+            N::MotorMass | N::MotorDamping | N::Stiffness | N::StructuralDamping | N::EncoderTiming
+        )
     }
 
     /// True for what is of the stage's side.

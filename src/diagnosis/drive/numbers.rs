@@ -13,6 +13,7 @@ use super::state::{Balance, Base, LAG_STEP, Number, State, stated_mechanics};
 use super::subject::slopes;
 use crate::diagnosis::criteria::{Criteria, Z95};
 use crate::diagnosis::result::Correction;
+use crate::plant::drive::DriveParams;
 use crate::plant::machine::AxisModel;
 use nalgebra::DVector;
 
@@ -146,7 +147,7 @@ pub(super) fn absent(balance: &Balance, state: &State, doubt: &Doubt, level: f64
         let lost = held_out_gains(balance, state, (&base.gram, &design, &fit.beta));
         let evidence_nats = lost.iter().flatten().fold(score, |worst, gain| worst.min(-gain));
         let value = if number == Number::StageCoulomb { state.coulomb_n() } else { base.fit.beta[k] };
-        let deviation = doubt.numbers[k].hypot(of_delays(balance, state, number));
+        let deviation = doubt.numbers[k];
         if value > Z95 * deviation && evidence_nats > level {
             list.push(Absent { number, value, deviation, evidence_nats });
         }
@@ -158,19 +159,6 @@ pub(super) fn absent(balance: &Balance, state: &State, doubt: &Doubt, level: f64
 /// Numbers that the model leaves out and nothing says: the model that is written has none of them.
 pub(super) fn unsaid(balance: &Balance, said: &[Absent]) -> Vec<Number> {
     left_out(balance).filter(|number| said.iter().all(|a| a.number != *number)).collect()
-}
-
-/// Deviation of a damping where nobody states when the encoders are read, N s/m: one that is later than the
-/// other by dt adds K dt to the stage's damping and takes it off the motor's.
-fn of_delays(balance: &Balance, state: &State, number: Number) -> f64 {
-    let raw = balance.drive.raw();
-    let stated = raw.motor_encoder_delay_s.and(raw.stage_encoder_delay_s).is_some();
-    let between = balance.signals.layout == Layout::TwoPositions
-        && matches!(number, Number::MotorDamping | Number::StageDamping);
-    if stated || !between {
-        return 0.0;
-    }
-    state.now.mechanics.stiffness_n_m * Criteria::STANDARD.timing_deviation / balance.signals.rate_hz
 }
 
 /// The stated numbers in the order of the balance, and its laws as they are stated.
@@ -213,7 +201,7 @@ pub(super) fn beside(balance: &Balance, state: &State, doubt: &Doubt) -> Vec<Bes
         let nominal = balance.drive.number(key).unwrap_or(0.0);
         let other = number.of_motor().filter(|_| !two).map_or(0.0, |motor| stated.of(motor));
         let value = unit * estimate - other;
-        let deviation = unit * doubt.numbers[k].hypot(of_delays(balance, state, *number));
+        let deviation = unit * doubt.numbers[k];
         Some(Beside { key, nominal, value, deviation, other, tolerance })
     };
     state.base.numbers.iter().enumerate().filter_map(of).collect()
@@ -285,10 +273,26 @@ pub(super) fn corrections(
         let half = Z95 * doubt.path[0].hypot(c.timing_deviation / balance.signals.rate_hz);
         list.push(Correction::within("amplifier_dead_time_s", stated_s, found_s, half));
     }
+    list.extend(read_apart(balance, axis, state, doubt));
     if state.now.found_smoothing && axis.drive.raw().friction_smoothing_m_s.is_some() {
         let (nominal, value) = (balance.signals.smoothing_m_s, state.now.smoothing_m_s);
         let told = Correction::within("friction_smoothing_m_s", nominal, value, 0.0);
         list.push(Correction { ci95: [0.9 * value, 1.1 * value], ..told });
     }
     list
+}
+
+/// How much later one encoder is read than the other, where nobody states when either is.
+fn read_apart(balance: &Balance, axis: &AxisModel, state: &State, doubt: &Doubt) -> Option<Correction> {
+    let k = state.base.numbers.iter().position(|n| *n == Number::EncoderTiming)?;
+    let apart_s = |d: &DriveParams| d.stage_encoder_delay_s() - d.motor_encoder_delay_s();
+    let more_s = apart_s(&balance.drive) + state.base.fit.beta[k] - apart_s(&axis.drive);
+    let half_s = Z95 * doubt.numbers[k].hypot(Criteria::STANDARD.timing_deviation / balance.signals.rate_hz);
+    let (key, nominal_s) = if more_s > 0.0 {
+        ("stage_encoder_delay_s", axis.drive.stage_encoder_delay_s())
+    } else {
+        ("motor_encoder_delay_s", axis.drive.motor_encoder_delay_s())
+    };
+    let told = Correction::within(key, nominal_s, nominal_s + more_s.abs(), half_s);
+    (more_s.abs() > half_s).then_some(told)
 }

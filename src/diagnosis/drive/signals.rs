@@ -136,7 +136,7 @@ fn swing_n(axis: &AxisModel, recording: &Recording, thrust_n: &[f64]) -> Vec<f64
 }
 
 /// Steps of motor and stage encoder, m: as stated or as the recording has them.
-fn found_steps_m(axis: &AxisModel, recording: &Recording) -> [f64; 2] {
+pub(super) fn found_steps_m(axis: &AxisModel, recording: &Recording) -> [f64; 2] {
     let rate_hz = recording.sample_rate.hz();
     let stated = [axis.drive.motor_encoder_resolution_m(), axis.drive.stage_encoder_resolution_m()];
     let raw = [Port::MotorEncoder, Port::StageEncoder].map(|port| position_at(axis, recording, port));

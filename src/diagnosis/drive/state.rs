@@ -79,6 +79,12 @@ impl State {
         out
     }
 
+    /// By how much more the stage's encoder is read later than the motor's than the positions were taken, s.
+    pub(super) fn stage_is_later_s(&self) -> f64 {
+        let place = self.base.numbers.iter().position(|n| *n == N::EncoderTiming);
+        place.map_or(0.0, |k| self.base.fit.beta[k])
+    }
+
     fn take_numbers(&mut self, beta: &[f64]) {
         let now = &mut self.now;
         for (number, value) in self.base.numbers.iter().zip(beta) {

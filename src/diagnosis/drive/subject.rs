@@ -27,6 +27,8 @@ pub(super) struct Drive<'a> {
     pub(super) balance: &'a Balance,
     /// Of the last screening: hypotheses that were asked, largest score of the knockoffs, nats.
     screening: Mutex<(usize, f64)>,
+    /// Hypotheses at this port alone are asked.
+    only: Option<Port>,
 }
 
 impl<'a> Drive<'a> {
@@ -36,7 +38,12 @@ impl<'a> Drive<'a> {
 
     /// With what chance has reached already.
     pub(super) fn beside_chance(balance: &'a Balance, chance_nats: f64) -> Self {
-        Self { balance, screening: Mutex::new((1, chance_nats)) }
+        Self { balance, screening: Mutex::new((1, chance_nats)), only: None }
+    }
+
+    /// With what lies between command and thrust alone.
+    pub(super) fn of_path(balance: &'a Balance) -> Self {
+        Self { only: Some(Port::Current), ..Self::new(balance) }
     }
 
     /// What a finding beside a state must exceed, nats.
@@ -353,7 +360,8 @@ impl Subject for Drive<'_> {
     }
 
     fn screen(&self, state: &State, work: &mut Work) -> Option<Vec<Screened<Hypothesis>>> {
-        let list = candidates(self.balance, state);
+        let mut list = candidates(self.balance, state);
+        list.retain(|h| self.only.is_none_or(|port| h.port == port));
         if !work.take(list.len() as u64) {
             return None;
         }
@@ -396,6 +404,12 @@ impl Subject for Drive<'_> {
         Some(Fitted { hypothesis: h, model, evidence_nats, level_nats: self.level(state), at_bound })
     }
 
+    fn gain_nats(&self, before: &State, settled: &State) -> f64 {
+        let [before, settled] =
+            [before, settled].map(|s| s.base.fit.nats + price(s.laws(), values(&s.base.all)));
+        before - settled
+    }
+
     fn settle(&self, state: State, work: &mut Work) -> State {
         let state = self.settled(state, PASSES, work);
         let state = self.without_faults(state, work);
@@ -404,6 +418,11 @@ impl Subject for Drive<'_> {
 }
 
 impl State {
+    /// Constants and amplitudes of what was taken up.
+    fn laws(&self) -> usize {
+        self.accepted.iter().map(|a| a.coefficients() + a.hypothesis.constants()).sum()
+    }
+
     /// Puts a law into the state; what is of the path or a number moves that instead.
     fn take_up(&mut self, balance: &Balance, law: Accepted) {
         if !law.hypothesis.law().move_number(&mut self.now, balance) {

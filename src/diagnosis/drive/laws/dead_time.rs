@@ -14,7 +14,7 @@ pub(super) const EFFECT: Effect = Effect {
             let late = |samples| Delay { extra_s: samples * period_s, early: false };
             list.extend([0.3, 0.8, 1.6, 3.0, 5.0].map(|s| Hypothesis::new(Port::Current, late(s))));
         }
-        if search.two {
+        if search.two && !search.balance.encoders_apart {
             let law = EncoderDelay { extra_s: 0.5 / search.signals.rate_hz };
             list.extend([Port::MotorEncoder, Port::StageEncoder].map(|port| Hypothesis::new(port, law)));
         }
@@ -87,6 +87,13 @@ impl Law for Delay {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct EncoderDelay {
     extra_s: f64,
+}
+
+impl EncoderDelay {
+    /// Read by so much later.
+    pub(in crate::diagnosis::drive) fn by(extra_s: f64) -> Self {
+        Self { extra_s }
+    }
 }
 
 impl Law for EncoderDelay {
