@@ -5,9 +5,6 @@ use super::criteria::{CRITERIA, LONGEST, PAST, SAME_LINE_HZ, WINDOWS};
 use super::window::{Detection, Reason};
 use crate::keyframe::keep;
 
-/// Lines that are followed at a time in one band.
-const LINES: usize = 4;
-
 /// One line.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 struct Heard {
@@ -36,7 +33,8 @@ impl Heard {
 /// The lines that are heard.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Interference {
-    lines: [Heard; LINES],
+    /// As many as windows hear at a time.
+    lines: [Heard; WINDOWS.len()],
 }
 
 keep!(Interference { lines });

@@ -45,8 +45,7 @@ pub enum ChatterError {
     },
 }
 
-/// The window that places a line once it has filled, and values between two looks at the quiet band.
-const LONG: usize = 2;
+/// Values between two looks at the quiet band.
 const REPORT_VALUES: u64 = 8;
 /// The band may widen by so much.
 const REACH: f64 = 1.4;
@@ -395,8 +394,9 @@ impl ChatterMonitor {
     fn follow_line(&self, state: &mut ChatterState, near_hz: Option<f64>) {
         let rate_hz = self.sub_bands[0].rate_hz();
         let age_s = self.now_s(state) - state.decision.since_s;
-        let long = state.decision.alarm && age_s * rate_hz > WINDOWS[LONG] as f64;
-        let n = WINDOWS[if long { LONG } else { LONG - 1 }];
+        // A longer window places a line better, once it has filled.
+        let [_, short, long, _] = WINDOWS;
+        let n = if state.decision.alarm && age_s * rate_hz > long as f64 { long } else { short };
         let [a, b] = state.watched_hz;
         let among =
             near_hz.map_or([a - SAME_LINE_HZ, b + SAME_LINE_HZ], |hz| [hz - SAME_LINE_HZ, hz + SAME_LINE_HZ]);

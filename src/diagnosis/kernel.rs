@@ -14,8 +14,6 @@ use std::f64::consts::PI;
 const MOMENTS: usize = 5;
 /// Half width of the kernel in widths of its Gaussian: exp(-6.2^2/2) = 4.5e-9 is left out.
 const HALF_WIDTHS: f64 = 6.2;
-/// Taps beyond which sums over all of them cost more than transforms.
-const LONG: usize = 400;
 
 /// A finite impulse response, centred: `y[i] = sum_j taps[half + j] x[i - j]`, j from -half to half.
 #[derive(Debug, Clone, PartialEq)]
@@ -179,8 +177,8 @@ impl Kernel {
     /// `y[j]` at sample `first + j step` of `x`, `count` of them. The caller keeps `half` samples on either
     /// side.
     pub(crate) fn apply(&self, x: &[f64], grid: Grid) -> Vec<f64> {
-        if grid.step == 1 && self.taps.len() > LONG {
-            return self.apply_long(x, grid);
+        if grid.step == 1 {
+            return self.apply_to_each(x, grid);
         }
         let reversed: Vec<f64> = self.taps.iter().rev().copied().collect();
         let mut out = vec![0.0; grid.count];
@@ -190,9 +188,9 @@ impl Kernel {
 }
 
 impl Kernel {
-    /// The same by overlap-save: blocks by transforms, two of them as real and imaginary part of one.
-    /// Checked by: `a_long_kernel_does_by_blocks_what_it_does_by_sums`.
-    fn apply_long(&self, x: &[f64], grid: Grid) -> Vec<f64> {
+    /// The same at each sample, by overlap-save: blocks by transforms, two of them as real and imaginary part
+    /// of one. Checked by: `a_kernel_does_by_blocks_what_it_does_by_sums`.
+    fn apply_to_each(&self, x: &[f64], grid: Grid) -> Vec<f64> {
         let n = (4 * self.taps.len()).next_power_of_two();
         let block = n - 2 * self.half;
         let mut planner = FftPlanner::new();
@@ -329,9 +327,8 @@ mod tests {
     }
 
     #[test]
-    fn a_long_kernel_does_by_blocks_what_it_does_by_sums() {
+    fn a_kernel_does_by_blocks_what_it_does_by_sums() {
         let kernel = Kernel::low_pass(20.0, 2000.0, Action { derivative: 1, advance_s: 1e-4 });
-        assert!(kernel.taps.len() > LONG);
         let x: Vec<f64> = (0..9000).map(|k| (1e-3 * f64::from(k)).sin() + 1e-3 * f64::from(k % 7)).collect();
         for count in [1, 500, 8000] {
             let by_blocks = kernel.apply(&x, Grid { first: 460, step: 1, count });

@@ -66,6 +66,11 @@ pub(super) fn determined(balance: &Balance, mut state: State) -> (State, Doubt, 
     }
 }
 
+/// Share of the power that was left before and is not left now, less what never repeats, N.
+fn explained_share([before, left]: [&Rest; 2], repeats_n: f64) -> f64 {
+    1.0 - (left.force_n.powi(2) - repeats_n.powi(2)).max(0.0) / before.force_n.max(1e-300).powi(2)
+}
+
 impl Case<'_> {
     /// The answer for a state.
     pub(super) fn answer(self, state: State) -> Diagnosis {
@@ -96,12 +101,10 @@ impl Case<'_> {
         let [state_n, thrust_n] = self.left_and_thrust_n(&state, (&design, &beta));
         let says_nothing = state_n.powi(2) > Criteria::STANDARD.adequate_share * thrust_n.powi(2);
         let is_left = left.is_left(self.stated_rest_n) || says_nothing;
-        let repeats_n = Criteria::STANDARD.repeatability * thrust_n;
-        let share =
-            1.0 - (left.force_n.powi(2) - repeats_n.powi(2)).max(0.0) / before.force_n.max(1e-300).powi(2);
+        let share = explained_share([&before, &left], Criteria::STANDARD.repeatability * thrust_n);
         // Nothing is said by a model that leaves more than drives the axis.
-        let says = state_n < thrust_n;
-        let named = !found.is_empty() && says && (!is_left || share > Criteria::STANDARD.named_share);
+        let says = state_n < thrust_n && (!is_left || share > Criteria::STANDARD.named_share);
+        let named = !found.is_empty() && says;
         let of = if as_stated { self.start } else { &state };
         let mut corrections = self.all_corrections(of, &settled);
         let bent = self.out_of_budget && found.is_empty() && !corrections.is_empty();

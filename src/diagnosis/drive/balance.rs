@@ -2,8 +2,6 @@
 
 use super::columns::{Ground, TimeColumn, derivative};
 use super::gram::{BandGram, Column, Gram, Part};
-use super::laws::Law;
-use super::laws::dead_time::EncoderDelay;
 use super::likelihood::{Design, Fit, Spread, values, weights_of};
 use super::number::{Mechanics, Number, TURNING};
 use super::signals::{Layout, Path, Signals};
@@ -151,7 +149,7 @@ impl Balance {
             }
             N::EncoderTiming => {
                 let by_s = TIMING_STEP / self.signals.rate_hz;
-                let later = EncoderDelay::by(by_s).columns(state, Port::StageEncoder).unwrap_or_default();
+                let later = state.encoder_later(Port::StageEncoder, by_s);
                 TimeColumn::sum(later.iter().map(|column| (column, by_s.recip())))
             }
             N::Lag => {

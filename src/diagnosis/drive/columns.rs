@@ -245,6 +245,22 @@ impl<'a> Ground<'a> {
         }
     }
 
+    /// An encoder that is read later than stated.
+    pub(super) fn encoder_later(&self, port: Port, extra_s: f64) -> Vec<TimeColumn> {
+        let of = self.read_at(port);
+        let error = |t: &Track| vec![read_error_m(&t.sides[self.side(port)].x_m, extra_s * t.rate_hz)];
+        let mut out = self.encoder(port, error);
+        let operator = Arc::new(move |w: f64| {
+            let read = 1.0 - Complex::from_polar(1.0, w * extra_s);
+            let coupled = read * Complex::new(of.spring_n_m, w * of.damper_n_s_m);
+            let own = read * Complex::new(of.mass_kg * w * w, -w * of.damping_n_s_m) - coupled;
+            let none = Complex::new(0.0, 0.0);
+            if of.at_stage { [none, coupled, none, own] } else { [own, none, coupled, none] }
+        });
+        out.iter_mut().for_each(|column| column.operator = Some(operator.clone()));
+        out
+    }
+
     /// An error of an encoder goes through everything that is made of its position.
     pub(super) fn encoder(&self, port: Port, error_m: impl Fn(&Track) -> Vec<Vec<f64>>) -> Vec<TimeColumn> {
         let of = self.read_at(port);
@@ -267,5 +283,36 @@ impl<'a> Ground<'a> {
             }
         }
         out
+    }
+}
+
+/// What an encoder that is read that many samples later reads wrong.
+pub(super) fn read_error_m(x_m: &[f64], samples: f64) -> Vec<f64> {
+    x_m.iter().zip(later(x_m, samples)).map(|(now, then)| now - then).collect()
+}
+
+/// The series that many samples later, by cubic interpolation.
+fn later(x: &[f64], samples: f64) -> Vec<f64> {
+    let whole = samples.floor();
+    let t = samples - whole;
+    let weights = [
+        -t * (t - 1.0) * (t - 2.0) / 6.0,
+        (t + 1.0) * (t - 1.0) * (t - 2.0) / 2.0,
+        -(t + 1.0) * t * (t - 2.0) / 2.0,
+        (t + 1.0) * t * (t - 1.0) / 6.0,
+    ];
+    let at = |k: usize, j: usize| x[(k + whole as usize + j).saturating_sub(1).min(x.len() - 1)];
+    (0..x.len()).map(|k| (0..4).map(|j| weights[j] * at(k, j)).sum()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::later;
+
+    #[test]
+    fn a_shift_is_exact_for_cubics() {
+        let x: Vec<f64> = (0..50).map(|k| (0.1 * f64::from(k)).powi(3)).collect();
+        let y = later(&x, 2.3);
+        assert!((y[10] - 1.23_f64.powi(3)).abs() < 1e-12);
     }
 }

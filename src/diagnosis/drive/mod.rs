@@ -73,7 +73,8 @@ fn work_of(options: &DiagnoseOptions, recordings: &[Recording]) -> Work {
     Work::new((options.budget_s * SAMPLES_PER_S / samples.max(1) as f64) as u64)
 }
 
-/// The balance of an axis; `encoders_apart`: see [`state::Balance`]. Errors: as [`signals::Signals::new`]; too little was measured.
+/// The balance of an axis; `encoders_apart`: see [`state::Balance`].
+/// Errors: as [`signals::Signals::new`]; too little was measured.
 fn balance_of(
     axis: &AxisModel,
     recordings: &[Recording],

@@ -1,5 +1,6 @@
 //! A thrust later than stated, or earlier, which is a wrong number; an encoder that answers later.
 
+use super::super::columns::read_error_m;
 use super::*;
 use crate::plant::effects::dead_time::{EXTRA, SPECIFICATION};
 
@@ -89,13 +90,6 @@ pub(crate) struct EncoderDelay {
     extra_s: f64,
 }
 
-impl EncoderDelay {
-    /// Read by so much later.
-    pub(in crate::diagnosis::drive) fn by(extra_s: f64) -> Self {
-        Self { extra_s }
-    }
-}
-
 impl Law for EncoderDelay {
     fn facts(&self) -> Facts {
         Facts::of(EffectKind::DeadTime, Size::Dose, &[])
@@ -111,53 +105,15 @@ impl Law for EncoderDelay {
     }
 
     fn full(&self, at: &At<'_>) -> Vec<Vec<f64>> {
-        let read = later(at.x_m, self.extra_s * at.track.rate_hz);
-        vec![at.x_m.iter().zip(read).map(|(now, then)| now - then).collect()]
+        vec![read_error_m(at.x_m, self.extra_s * at.track.rate_hz)]
     }
 
     fn columns(&self, ground: &Ground<'_>, port: Port) -> Option<Vec<TimeColumn>> {
-        let of = ground.read_at(port);
-        let extra_s = self.extra_s;
-        let mut out = ground.encoder(port, |track| self.full(&ground.at(port, track)));
-        let operator = Arc::new(move |w: f64| {
-            let read = 1.0 - Complex::from_polar(1.0, w * extra_s);
-            let coupled = read * Complex::new(of.spring_n_m, w * of.damper_n_s_m);
-            let own = read * Complex::new(of.mass_kg * w * w, -w * of.damping_n_s_m) - coupled;
-            let none = Complex::new(0.0, 0.0);
-            if of.at_stage { [none, coupled, none, own] } else { [own, none, coupled, none] }
-        });
-        out.iter_mut().for_each(|column| column.operator = Some(operator.clone()));
-        Some(out)
+        Some(ground.encoder_later(port, self.extra_s))
     }
 
     /// When inside a sample an encoder is read.
     fn is_usual(&self, ground: &Ground<'_>, _: f64, _: &[f64]) -> bool {
         self.extra_s * ground.signals.rate_hz < Z95 * Criteria::STANDARD.timing_deviation
-    }
-}
-
-/// The series that many samples later, by cubic interpolation.
-fn later(x: &[f64], samples: f64) -> Vec<f64> {
-    let whole = samples.floor();
-    let t = samples - whole;
-    let weights = [
-        -t * (t - 1.0) * (t - 2.0) / 6.0,
-        (t + 1.0) * (t - 1.0) * (t - 2.0) / 2.0,
-        -(t + 1.0) * t * (t - 2.0) / 2.0,
-        (t + 1.0) * t * (t - 1.0) / 6.0,
-    ];
-    let at = |k: usize, j: usize| x[(k + whole as usize + j).saturating_sub(1).min(x.len() - 1)];
-    (0..x.len()).map(|k| (0..4).map(|j| weights[j] * at(k, j)).sum()).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::later;
-
-    #[test]
-    fn a_shift_is_exact_for_cubics() {
-        let x: Vec<f64> = (0..50).map(|k| (0.1 * f64::from(k)).powi(3)).collect();
-        let y = later(&x, 2.3);
-        assert!((y[10] - 1.23_f64.powi(3)).abs() < 1e-12);
     }
 }
