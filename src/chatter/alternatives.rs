@@ -129,10 +129,10 @@ impl Window<'_> {
     /// Where nothing is known a line may have stood in air too: then it is not the cut's, unless no stable
     /// cut is as loud.
     fn over_stable(&self) -> f64 {
-        let Context { no_model, entries_known, cuts, stable_n2, .. } = *self.context;
-        match (no_model, entries_known && !cuts) {
+        let Context { no_model, left, cuts, stable_n2, .. } = *self.context;
+        match (no_model, left && !cuts) {
             (true, _) => 2.0 * self.line.power_n2 / stable_n2,
-            // No tool is in the cut.
+            // The tools have left.
             (_, true) => 0.0,
             _ => f64::INFINITY,
         }

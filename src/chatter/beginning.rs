@@ -16,15 +16,15 @@ impl Window<'_> {
     pub(super) fn judge_beginning(&self, found: &mut Detection) {
         let levels = &self.context.levels;
         let grown = self.growth_nats() + loudness_nats(found.power_n2, self.context.stable_n2);
-        // All else that begins with a cut is there at once, too.
-        let least = if self.context.learning { levels.cause_nats } else { levels.switched_nats };
-        let grew = (grown / least).clamp(-1.0, 1.0);
-        if grew > -1.0 && !self.context.learning && self.seen >= self.e.len() + WINDOWS[0] {
+        if grown > -self.context.beginning_nats()
+            && !self.context.learning
+            && self.seen >= self.e.len() + WINDOWS[0]
+        {
             let stayed = self.stayed() / levels.cause_nats;
             found.least(stayed, Reason::Interference);
             found.moved = stayed < -1.0;
         }
-        found.grew = Some(grew);
+        found.grown_nats = Some(grown);
     }
 
     /// Evidence, nats, that the line grew and may stand since, against one that was switched on and may have

@@ -56,9 +56,9 @@ pub(super) struct Criteria {
     /// Share of the lines that are switched on which may pass as grown, and of the grown ones that may pass
     /// as switched on: before that the line is heard longer.
     pub(super) switched: f64,
-    /// Share of that evidence that a line may have against it whose beginning nobody saw well: a nat, chatter
-    /// begins three times as often as a tone.
-    pub(super) unseen: f64,
+    /// Evidence that a line may have against it whose beginning nobody saw well: chatter begins three times as
+    /// often as a tone.
+    pub(super) unseen_nats: f64,
     /// Shape of the gamma distribution of its power: known within 50 %. Of 2, 3, 4 and 6 the one with which
     /// loud noise of a servo is silent and violent first entries are heard.
     pub(super) stable_shape: f64,
@@ -106,7 +106,7 @@ pub(super) const CRITERIA: Criteria = Criteria {
     most_share: 2.0,
     stable_share: 0.15,
     switched: 0.05,
-    unseen: 1.0 / 3.0,
+    unseen_nats: 1.0,
     stable_shape: 4.0,
     filled_delays: 3.0,
     resolved_turns: 3.0,

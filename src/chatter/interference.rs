@@ -2,7 +2,7 @@
 //! anew; after that the judgement stands until the line is silent for a while or has grown.
 
 use super::criteria::{CRITERIA, LONGEST, PAST, SAME_LINE_HZ, WINDOWS};
-use super::window::{Detection, Reason};
+use super::window::{Context, Detection, Reason};
 use crate::keyframe::keep;
 
 /// One line.
@@ -14,14 +14,14 @@ struct Heard {
     /// Values since it began: it has filled the window that heard it first.
     age: usize,
     power_n2: f64,
-    /// The window that judged, and what of the beginning: -1 that it was switched on, 1 that it grew.
+    /// The window that judged, and the evidence that it grew and was not switched on.
     which: usize,
-    grew: f64,
+    grown_nats: f64,
     /// Whether it moved here from elsewhere.
     moved: bool,
 }
 
-keep!(Heard { offset_hz, left_s, age, power_n2, which, grew, moved });
+keep!(Heard { offset_hz, left_s, age, power_n2, which, grown_nats, moved });
 
 impl Heard {
     /// Whether the judgement stands: the beginning is out of sight.
@@ -47,59 +47,145 @@ impl Interference {
         }
     }
 
+    /// Another cut begins: what grew in the last one may be another line in this.
+    pub(super) fn enter(&mut self) {
+        let grew = |line: &&mut Heard| !line.moved && line.grown_nats > 0.0;
+        self.lines.iter_mut().filter(grew).for_each(|line| line.left_s = 0.0);
+    }
+
     fn near(&mut self, offset_hz: f64) -> Option<&mut Heard> {
         let apart = |line: &Heard| (line.offset_hz - offset_hz).abs();
         let near = self.lines.iter_mut().filter(|l| l.left_s > 0.0 && apart(l) < SAME_LINE_HZ);
         near.min_by(|a, b| apart(a).total_cmp(&apart(b)))
     }
 
-    /// Takes what window `which` detected, and refuses it where it is a line that was switched on.
-    pub(super) fn judge(&mut self, detection: &mut Detection, which: usize, learning: bool) {
-        let Detection { offset_hz, power_n2, over_noise, grew, moved, .. } = *detection;
-        let now = |age: usize, power_n2: f64, grew: f64| Heard {
-            offset_hz,
-            left_s: CRITERIA.usual_s,
-            age,
-            power_n2,
-            which,
-            grew,
-            moved,
-        };
+    /// Takes what window `which` detected, and refuses it where it is a line that was switched on. In an alarm
+    /// lines are followed alone.
+    pub(super) fn judge(&mut self, detection: &mut Detection, which: usize, context: &Context) {
+        let Detection { offset_hz, power_n2, over_noise, grown_nats, moved, .. } = *detection;
+        let least_nats = context.beginning_nats();
+        let left_s = CRITERIA.usual_s;
+        let now =
+            |age, power_n2, grown_nats| Heard { offset_hz, left_s, age, power_n2, which, grown_nats, moved };
         let line = match self.near(offset_hz) {
             Some(line) => line,
-            None if over_noise > 1.0 && grew.is_some() => {
-                let newest = |a: &Heard, b: &Heard| a.left_s.total_cmp(&b.left_s);
-                let Some(line) = self.lines.iter_mut().min_by(|a, b| newest(a, b)) else { return };
+            None if over_noise > 1.0 && grown_nats.is_some() => {
+                let sooner = |a: &&mut Heard, b: &&mut Heard| a.left_s.total_cmp(&b.left_s);
+                let Some(line) = self.lines.iter_mut().min_by(sooner) else { return };
                 *line = Heard::default();
                 line
             }
             None => return,
         };
         let grows = power_n2 > CRITERIA.louder * line.power_n2;
-        match grew {
-            Some(grew) if grows => *line = now(WINDOWS[which], power_n2, grew),
+        let told = |nats: f64| nats.abs() >= least_nats;
+        match grown_nats {
+            Some(nats) if grows => *line = now(WINDOWS[which], power_n2, nats),
             // What is told is no more doubtful for a look that tells nothing.
-            Some(grew)
+            Some(nats)
                 if !line.stands()
                     && which >= line.which
                     && !line.moved
-                    && (line.grew.abs() < 1.0 || grew.abs() >= 1.0) =>
+                    && (!told(line.grown_nats) || told(nats)) =>
             {
-                *line = now(line.age, power_n2.max(line.power_n2), grew);
+                *line = now(line.age, power_n2.max(line.power_n2), nats);
             }
-            _ if over_noise > 1.0 => (line.offset_hz, line.left_s) = (offset_hz, CRITERIA.usual_s),
+            _ if over_noise > 1.0 => (line.offset_hz, line.left_s) = (offset_hz, left_s),
             _ => {}
         }
-        let least = if learning {
-            -1.0
-        } else if line.stands() {
-            -CRITERIA.unseen
-        } else {
-            1.0
-        };
-        let grew = if line.moved { -1.0 } else { line.grew };
-        if grew < 1.0 && grew <= least {
-            detection.least(CRITERIA.hold * (1.0 + grew), Reason::Interference);
+        if context.alarm {
+            return;
         }
+        let passes_nats = match (context.learning, line.stands()) {
+            (true, _) => -least_nats,
+            (_, true) => -CRITERIA.unseen_nats,
+            _ => least_nats,
+        };
+        if line.moved || line.grown_nats <= passes_nats.min(least_nats) {
+            let share = if line.moved { -1.0 } else { line.grown_nats / least_nats };
+            detection.least(CRITERIA.hold * (1.0 + share), Reason::Interference);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::criteria::{FALSE_ALARM_S, Levels};
+    use super::super::whitening::Whitener;
+    use super::*;
+
+    fn context() -> Context {
+        Context {
+            levels: Levels::of(FALSE_ALARM_S),
+            centre_hz: 650.0,
+            rate_hz: 500.0,
+            speed_hz: 20.0,
+            sweep_hz_s: 0.0,
+            watched_hz: [-100.0, 100.0],
+            seen: LONGEST + PAST,
+            learning: false,
+            orders: true,
+            alarm: false,
+            entries_known: true,
+            cuts: true,
+            left: false,
+            no_model: false,
+            stable_n2: f64::INFINITY,
+            whitener: Whitener::plain(),
+        }
+    }
+
+    /// Evidence that is left of a line at `offset_hz` with evidence of its beginning.
+    fn left(lines: &mut Interference, offset_hz: f64, which: usize, grown_nats: Option<f64>) -> f64 {
+        let (evidence, over_noise, power_n2) = (2.0, 2.0, 1.0);
+        let mut heard =
+            Detection { evidence, over_noise, power_n2, offset_hz, grown_nats, ..Detection::default() };
+        lines.judge(&mut heard, which, &context());
+        heard.evidence
+    }
+
+    fn later(lines: &mut Interference, values: usize) {
+        (0..values).for_each(|_| lines.age(0.002));
+    }
+
+    #[test]
+    fn a_judgement_follows_the_looks_while_the_beginning_is_in_sight_and_stands_then() {
+        let mut lines = Interference::default();
+        // A short window that hears a burst says the line was switched on; a longer one sees it grow.
+        assert!(left(&mut lines, 10.0, 0, Some(-20.0)) < CRITERIA.hold);
+        later(&mut lines, 60);
+        assert!(left(&mut lines, 12.0, 2, Some(5.0)) > 1.0);
+        // A shorter one says nothing any more, nor one that tells nothing.
+        assert!(left(&mut lines, 12.0, 0, Some(-20.0)) > 1.0);
+        assert!(left(&mut lines, 12.0, 3, Some(0.5)) > 1.0);
+        later(&mut lines, 200);
+        assert!(left(&mut lines, 12.0, 3, Some(-9.0)) > 1.0);
+    }
+
+    #[test]
+    fn a_line_whose_beginning_nobody_saw_well_counts_unless_a_nat_is_against_it() {
+        for (grown_nats, counts) in [(0.2, true), (-0.8, true), (-1.2, false), (-5.0, false)] {
+            let mut lines = Interference::default();
+            // While its beginning is in sight it is listened to.
+            assert!(left(&mut lines, 0.0, 3, Some(grown_nats)) < 1.0);
+            later(&mut lines, 100);
+            assert_eq!(left(&mut lines, 0.0, 3, None) > 1.0, counts, "{grown_nats}");
+        }
+    }
+
+    #[test]
+    fn a_tone_stays_one_beside_as_many_others_as_there_are_windows_until_it_is_silent() {
+        let mut lines = Interference::default();
+        let tones = [-60.0, -20.0, 20.0, 60.0];
+        for _ in 0..20 {
+            for offset_hz in tones {
+                assert!(left(&mut lines, offset_hz, 3, Some(-8.0)) < CRITERIA.hold);
+            }
+            later(&mut lines, 50);
+        }
+        lines.enter();
+        assert!(tones.iter().all(|hz| left(&mut lines, *hz, 0, Some(9.0)) < CRITERIA.hold));
+        later(&mut lines, 251);
+        assert!(left(&mut lines, 20.0, 0, Some(9.0)) > 1.0);
     }
 }

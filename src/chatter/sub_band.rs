@@ -35,6 +35,8 @@ pub(super) struct SubBandState {
     whitener: Whitener,
     /// Which of the two it is now.
     in_cut: bool,
+    /// Whether tools were seen to leave.
+    left: bool,
     history: History,
     /// Values since the start, and since what is heard began anew.
     count: u64,
@@ -55,7 +57,7 @@ pub(super) struct SubBandState {
 }
 
 keep!(SubBandState {
-    mix, mixer, orders, noise, whitener, in_cut, history, count, since_change, seen, detections, whole_n2,
+    mix, mixer, orders, noise, whitener, in_cut, left, history, count, since_change, seen, detections, whole_n2,
     other_level, residuals, sustained, before, since, interference, alarmed,
 } if |s| s.seen >= s.since_change);
 
@@ -98,6 +100,7 @@ impl SubBand {
             noise: [Noise::NEW, Noise::NEW],
             whitener: Whitener::NONE,
             in_cut: false,
+            left: false,
             history: History::new(),
             count: 0,
             since_change: 0,
@@ -117,7 +120,8 @@ impl SubBand {
     /// What was known before samples were lost: the spindle's angle is not.
     pub(super) fn resume(&self, state: &mut SubBandState, known: &SubBandState) {
         state.noise.clone_from(&known.noise);
-        (state.in_cut, state.before) = (known.in_cut, known.before);
+        (state.in_cut, state.left, state.before) = (known.in_cut, known.left, known.before);
+        state.interference = known.interference;
         Self::whiten_by(state, known.whitener);
     }
 
@@ -291,6 +295,7 @@ impl SubBand {
             alarm: now.alarm,
             entries_known: means,
             cuts: Self::cuts(state, now),
+            left: state.left,
             no_model,
             stable_n2: self.stable_n2(state, now),
             whitener: if no_model { Whitener::plain() } else { state.whitener },
@@ -314,9 +319,7 @@ impl SubBand {
             } else {
                 Detection::default()
             };
-            if !context.alarm {
-                state.interference.judge(&mut state.detections[which], which, context.learning);
-            }
+            state.interference.judge(&mut state.detections[which], which, &context);
             if which == BAND_LEVEL && state.since_change >= n {
                 self.compare(state, &context);
             }
@@ -363,7 +366,10 @@ impl SubBand {
             if in_cut != state.in_cut {
                 state.noise[state.here()].accept_all();
             }
-            state.in_cut = in_cut;
+            (state.in_cut, state.left) = (in_cut, !in_cut);
+            if in_cut {
+                state.interference.enter();
+            }
             state.orders[state.here()].restart();
             self.renew(state);
         }

@@ -44,13 +44,23 @@ pub(super) struct Detection {
     pub(super) contrast: f64,
     /// Power of the line, N^2, where it is anything.
     pub(super) power_n2: f64,
-    /// How it began, where that was asked: -1 that it was switched on, 1 that it grew.
-    pub(super) grew: Option<f64>,
+    /// Evidence that it grew and was not switched on, where that was asked.
+    pub(super) grown_nats: Option<f64>,
     /// Whether it moved here from elsewhere.
     pub(super) moved: bool,
 }
 
-keep!(Detection { evidence, over_noise, reason, offset_hz, growth_1_s, contrast, power_n2, grew, moved });
+keep!(Detection {
+    evidence,
+    over_noise,
+    reason,
+    offset_hz,
+    growth_1_s,
+    contrast,
+    power_n2,
+    grown_nats,
+    moved
+});
 
 /// What a sub-band is told with each value.
 #[derive(Debug, Clone, Copy)]
@@ -91,13 +101,21 @@ pub(super) struct Context {
     pub(super) alarm: bool,
     /// Whether the mean force tells when another cut begins: then its noise is known.
     pub(super) entries_known: bool,
-    /// Whether a tool is in the cut.
+    /// Whether a tool is in the cut, and whether they were seen to leave it.
     pub(super) cuts: bool,
+    pub(super) left: bool,
     /// Whether nothing at all is known of the noise.
     pub(super) no_model: bool,
     /// Most power that the noise of a stable cut has at a place, N^2; infinite where it is not known.
     pub(super) stable_n2: f64,
     pub(super) whitener: Whitener,
+}
+
+impl Context {
+    /// Evidence from which on a beginning is told. All else that begins with a cut is there at once, too.
+    pub(super) fn beginning_nats(&self) -> f64 {
+        if self.learning { self.levels.cause_nats } else { self.levels.switched_nats }
+    }
 }
 
 /// One window and its best line.

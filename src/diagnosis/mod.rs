@@ -231,12 +231,7 @@ pub fn diagnose_with(
     let axes = recorded_axes(machine, recordings)?;
     let all_mended = (0..recordings.len()).all(|k| options.mended(k).is_some());
     let counts = |(k, _): &(usize, &Recording)| all_mended || options.mended(*k).is_none();
-    let mut counted = recordings.iter().enumerate().filter(counts).map(|(_, r)| r);
-    let first_hz = counted.clone().next().map_or(0.0, |r| r.sample_rate.hz());
-    if let Some(other) = counted.find(|r| (r.sample_rate.hz() / first_hz - 1.0).abs() > 1e-6) {
-        let (recording, rate_hz) = (other.experiment.clone(), other.sample_rate.hz());
-        return Err(DiagnoseError::MixedRates { recording, rate_hz, first_hz });
-    }
+    one_rate(recordings.iter().enumerate().filter(counts).map(|(_, r)| r))?;
     let cuts = cuts::Cuts::of(recordings, &options.masked);
     let mut refused: Vec<(&str, DiagnoseError)> = Vec::new();
     for (k, axis) in axes.iter().enumerate() {
@@ -282,12 +277,23 @@ fn moving(
     if left_out.is_empty() {
         return drive::diagnose(model, recordings, &options, progress);
     }
-    let options = options.without(&left_out);
-    let mut diagnosis = drive::diagnose(model, &without(recordings, &left_out), &options, progress)?;
+    let kept = without(recordings, &left_out);
+    one_rate(kept.iter())?;
+    let mut diagnosis = drive::diagnose(model, &kept, &options.without(&left_out), progress)?;
     let note = |(k, why): &(usize, &str)| format!("{}: left out, since {why}.", recordings[*k].experiment);
     diagnosis.notes.extend(out.iter().map(note));
     diagnosis.left_out = left_out;
     Ok(diagnosis)
+}
+
+/// Errors: recordings of different rates.
+fn one_rate<'a>(mut recordings: impl Iterator<Item = &'a Recording>) -> Result<(), DiagnoseError> {
+    let Some(first_hz) = recordings.next().map(|r| r.sample_rate.hz()) else { return Ok(()) };
+    let Some(other) = recordings.find(|r| (r.sample_rate.hz() / first_hz - 1.0).abs() > 1e-6) else {
+        return Ok(());
+    };
+    let (recording, rate_hz) = (other.experiment.clone(), other.sample_rate.hz());
+    Err(DiagnoseError::MixedRates { recording, rate_hz, first_hz })
 }
 
 /// Recordings of which nothing is asked, and why: where the axis stands while a spindle turns what moves it,
@@ -302,11 +308,19 @@ fn left_out(
     let all = || 0..recordings.len();
     let mut out: Vec<(usize, &str)> =
         all().filter(|k| cut(*k)).map(|k| (k, "the axis stands in it while the spindle turns")).collect();
-    let further = |out: &[(usize, &str)], more: Vec<(usize, &'static str)>| {
-        let others = recordings.len() > out.len() + more.len();
-        if others { more } else { Vec::new() }
-    };
     let open = |out: &[(usize, &str)]| all().filter(|k| out.iter().all(|(o, _)| o != k)).collect::<Vec<_>>();
+    // Where others tell something: the axis moves in them, and half of what was measured is in them.
+    let rows = |k: &usize| {
+        let masked = options.masked.get(*k).map_or(0, |m| m.iter().filter(|m| **m).count());
+        recordings[*k].len() - masked
+    };
+    let further = |out: &[(usize, &str)], more: Vec<(usize, &'static str)>| {
+        let others = open(out).into_iter().filter(|k| !stands[*k] && more.iter().all(|(m, _)| m != k));
+        let tells = others.map(|k| recordings[k].sample_rate.period_s() * rows(&k) as f64).sum::<f64>();
+        let left =
+            more.iter().map(|(k, _)| recordings[*k].sample_rate.period_s() * rows(k) as f64).sum::<f64>();
+        if tells > left { more } else { Vec::new() }
+    };
     let mended = open(&out).into_iter().filter_map(|k| options.mended(k).map(|why| (k, why))).collect();
     out.extend(further(&out, mended));
     let rounded = drive::rounded_by_the_logger(axis, recordings, &open(&out));

@@ -122,11 +122,9 @@ pub(crate) trait Subject {
     /// better numbers for the model itself lowers what every other one has gained.
     fn compare(&self, _model: &Self::Model, _fitted: &mut [Fitted<Self::Hypothesis, Self::Model>]) {}
 
-    /// The model after something was taken up: numbers moved, shapes refined again.
-    fn settle(&self, model: Self::Model, work: &mut Work) -> Self::Model;
-
-    /// Gain of a settled model over another one, less the price of what it has more, nats.
-    fn gain_nats(&self, before: &Self::Model, settled: &Self::Model) -> f64;
+    /// The model after something was taken up: numbers moved, shapes refined again. With it the gain of what
+    /// was taken up over `before` once numbers and shapes stand, less its price, nats.
+    fn settle(&self, before: &Self::Model, model: Self::Model, work: &mut Work) -> (Self::Model, f64);
 }
 
 /// How far the selection goes.
@@ -196,6 +194,7 @@ pub(crate) fn select<S: Subject>(
         best_first(&mut fitted);
         let open = if taken < reach.most_findings { &mut fitted[..] } else { &mut [] };
         let settled = settled(subject, &out.model, open, work);
+        out.out_of_budget |= settled.is_none() && work.refused;
         let accepted = settled.is_some();
         out.model = settled.unwrap_or(out.model);
         best_first(&mut fitted);
@@ -222,12 +221,12 @@ fn settled<S: Subject>(
     work: &mut Work,
 ) -> Option<S::Model> {
     for fit in fitted.iter_mut().filter(|fit| fit.qualifies()) {
-        let model = subject.settle(fit.model.clone(), work);
-        let gained = subject.gain_nats(before, &model);
+        let (model, gained) = subject.settle(before, fit.model.clone(), work);
         if gained > fit.level_nats {
             return Some(model);
         }
-        fit.evidence_nats = fit.evidence_nats.min(gained);
+        // What is no number is no evidence.
+        fit.evidence_nats = if gained.is_nan() { f64::NEG_INFINITY } else { gained.min(fit.evidence_nats) };
     }
     None
 }
@@ -271,12 +270,12 @@ mod tests {
         type Hypothesis = usize;
 
         fn name(&self, h: &usize) -> (&'static str, Port) {
-            (["a", "b", "c", "d"][*h], Port::Stage)
+            (["a", "b", "c", "d", "e"][*h], Port::Stage)
         }
 
         fn screen(&self, model: &Vec<usize>, work: &mut Work) -> Option<Vec<Screened<usize>>> {
-            work.take(4).then(|| {
-                let open = (0..4).filter(|h| !model.contains(h));
+            work.take(5).then(|| {
+                let open = (0..5).filter(|h| !model.contains(h));
                 open.map(|h| Screened { hypothesis: h, promise_nats: 100.0 * h as f64 }).collect()
             })
         }
@@ -294,12 +293,10 @@ mod tests {
             })
         }
 
-        fn settle(&self, model: Vec<usize>, _: &mut Work) -> Vec<usize> {
-            model
-        }
-
-        fn gain_nats(&self, _: &Vec<usize>, settled: &Vec<usize>) -> f64 {
-            settled.last().map_or(0.0, |h| 100.0 * *h as f64)
+        /// The law 4 gains nothing once it stands.
+        fn settle(&self, _: &Vec<usize>, model: Vec<usize>, _: &mut Work) -> (Vec<usize>, f64) {
+            let gained = model.last().map_or(0.0, |h| if *h == 4 { f64::NAN } else { 100.0 * *h as f64 });
+            (model, gained)
         }
     }
 
@@ -307,6 +304,9 @@ mod tests {
     fn only_what_exceeds_the_level_and_ends_at_no_bound_is_taken_up() {
         let out = select(&Toy, Vec::new(), Reach::default(), &mut Work::new(1000), &|_, _| {});
         assert_eq!(out.model, [2]);
+        // What promised most was refused once it stood.
+        let refused = out.rounds[0].fitted.iter().find(|f| f.hypothesis == 4).unwrap();
+        assert!(!refused.qualifies() && out.rounds[0].fitted[0].hypothesis == 2);
         assert_eq!(out.rounds.iter().map(|r| r.accepted).collect::<Vec<_>>(), [true, false]);
         assert!(!out.out_of_budget);
     }

@@ -518,14 +518,10 @@ impl Subject for Cut<'_> {
         }
     }
 
-    /// A settled model has no poorer value than the one it came from.
-    fn gain_nats(&self, _: &Model, _: &Model) -> f64 {
-        f64::INFINITY
-    }
-
     /// Numbers to the end; then each law again that was there before: what was taken up first had to stand
     /// for all that was missing, and may be a rival's.
-    fn settle(&self, model: Model, work: &mut Work) -> Model {
+    /// A settled model has no poorer value than the one it came from: all that was gained stands.
+    fn settle(&self, _: &Model, model: Model, work: &mut Work) -> (Model, f64) {
         let mut model = self.refined(&model.point, work);
         let mut k = 0;
         while k + 1 < model.point.terms.len() {
@@ -535,7 +531,7 @@ impl Subject for Cut<'_> {
             }
             k += usize::from(model.point.terms.len() == laws);
         }
-        model
+        (model, f64::INFINITY)
     }
 }
 

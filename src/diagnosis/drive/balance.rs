@@ -24,8 +24,9 @@ pub(super) struct Balance {
     pub(super) plan: Plan,
     /// A column was moved in time: when a reference acts is free, and no delay is asked about.
     pub(super) clock_moved: bool,
-    /// Nobody states when both encoders are read: how much later one is than the other is a number.
-    pub(super) encoders_apart: bool,
+    /// Where nobody states when both encoders are read: by how much later than stated the stage's was taken,
+    /// s. What it is more is a number then.
+    pub(super) stage_later_s: Option<f64>,
     /// Columns that never change, by number.
     pub(super) fixed: Vec<(Number, Column)>,
 }
@@ -35,14 +36,14 @@ impl Balance {
     pub(super) fn new(
         drive: DriveParams,
         signals: Signals,
-        [clock_moved, encoders_apart]: [bool; 2],
+        (clock_moved, stage_later_s): (bool, Option<f64>),
     ) -> Self {
         let masked: Vec<Vec<bool>> = signals.tracks.iter().map(|t| t.masked.clone()).collect();
         // One position tells friction at the lowest frequencies, where every real axis leaves most: weights
         // by band would give those few bins away for the many of the noise.
         let white = signals.layout != Layout::TwoPositions;
         let plan = Plan::new(&masked, signals.thin_rate_hz(), (signals.top_hz(), white));
-        let mut out = Self { drive, signals, plan, clock_moved, encoders_apart, fixed: Vec::new() };
+        let mut out = Self { drive, signals, plan, clock_moved, stage_later_s, fixed: Vec::new() };
         let changing = |n: &Number| n.is_dry_friction() || matches!(n, N::Timing | N::EncoderTiming);
         out.fixed = out
             .numbers()
@@ -75,7 +76,7 @@ impl Balance {
             }
         };
         let two = self.signals.layout == Layout::TwoPositions;
-        numbers.extend((two && self.encoders_apart).then_some(N::EncoderTiming));
+        numbers.extend((two && self.stage_later_s.is_some()).then_some(N::EncoderTiming));
         let of_motor = numbers.contains(&N::MotorCoulomb);
         let parts = 0..TURNING.len();
         numbers.extend(parts.clone().filter(|_| of_motor).map(N::MotorTurning));

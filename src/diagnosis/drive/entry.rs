@@ -35,7 +35,7 @@ pub(super) fn entered(balance: &Balance, state: &State, work: &mut Work) -> Opti
     let c = &Criteria::STANDARD;
     let drive = Drive::beside_chance(balance, chance.max(c.artefact_nats / c.knockoff_factor));
     let mut fitted = drive.fit(state, &h, work)?;
-    fitted.model = drive.settle(fitted.model, work);
+    (fitted.model, _) = drive.settle(state, fitted.model, work);
     fitted.qualifies().then_some(Entered { fitted })
 }
 

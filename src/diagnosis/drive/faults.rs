@@ -35,7 +35,7 @@ impl Drive<'_> {
                 .filter(Fitted::qualifies);
             let Some(fitted) = fitted else { return state };
             let settled = self.settled(fitted.model, PASSES, work);
-            if self.gain_nats(&state, &settled) <= fitted.level_nats {
+            if !(settled.gain_nats(&state) > fitted.level_nats) {
                 return state;
             }
             state = settled;

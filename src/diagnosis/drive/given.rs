@@ -27,9 +27,10 @@ pub(super) fn folded(axis: &AxisModel) -> AxisModel {
 /// The axis with the stage's encoder read later by so much, or the motor's where that is less than nothing.
 pub(super) fn read_later(axis: &AxisModel, later_s: f64) -> AxisModel {
     let d = &axis.drive;
-    let stage_s = d.stage_encoder_delay_s() + later_s;
-    let motor_s = d.motor_encoder_delay_s() + (-stage_s).max(0.0);
-    let numbers = [("motor_encoder_delay_s", motor_s), ("stage_encoder_delay_s", stage_s.max(0.0))];
+    let numbers = [
+        ("motor_encoder_delay_s", d.motor_encoder_delay_s() + (-later_s).max(0.0)),
+        ("stage_encoder_delay_s", d.stage_encoder_delay_s() + later_s.max(0.0)),
+    ];
     let drive = d.with_numbers(numbers).unwrap_or_else(|_| d.clone());
     AxisModel { drive, ..axis.clone() }
 }

@@ -73,18 +73,18 @@ fn work_of(options: &DiagnoseOptions, recordings: &[Recording]) -> Work {
     Work::new((options.budget_s * SAMPLES_PER_S / samples.max(1) as f64) as u64)
 }
 
-/// The balance of an axis; `encoders_apart`: see [`state::Balance`].
+/// The balance of an axis; `stage_later_s`: see [`state::Balance`].
 /// Errors: as [`signals::Signals::new`]; too little was measured.
 fn balance_of(
     axis: &AxisModel,
     recordings: &[Recording],
     options: &DiagnoseOptions,
-    encoders_apart: bool,
+    stage_later_s: Option<f64>,
 ) -> Result<state::Balance, DiagnoseError> {
     let signals = signals::Signals::new(axis, recordings, &options.masked, options.averaged)?;
     // When a mean over rows acts nobody says.
     let clock_moved = options.clock_moved.contains(&true) || options.averaged != [1; 2];
-    let balance = state::Balance::new(axis.drive.clone(), signals, [clock_moved, encoders_apart]);
+    let balance = state::Balance::new(axis.drive.clone(), signals, (clock_moved, stage_later_s));
     if let Some(first) = recordings.first().filter(|_| !balance.plan.is_enough()) {
         let recording = first.experiment.clone();
         let samples = balance.plan.measured() as usize * balance.signals.step;
@@ -145,7 +145,7 @@ fn beside_cut(
     let masked = entry::without(&options.masked, &options.resting);
     let whole = DiagnoseOptions { masked, ..options.clone() };
     let axis = given::folded(stated);
-    let balance = balance_of(&axis, recordings, &whole, false).ok()?;
+    let balance = balance_of(&axis, recordings, &whole, None).ok()?;
     let (start, _) = start_of(&axis, &balance);
     let cut = entry::entered(&balance, &start, &mut work_of(options, recordings))?;
     let rows = cut.rows(&balance);
@@ -199,7 +199,7 @@ pub(in crate::diagnosis) fn diagnose(
     Ok(diagnosis)
 }
 
-/// The axis with its terms folded into keys, and its balance. Where nobody states when the encoders are read
+/// The axis with its terms folded into keys, and its balance. Where nobody states when both encoders are read
 /// the positions are taken as they belong together, once the two things are known that bend that most: what
 /// lies between command and thrust. By a first-order law of the damped spring a dead time is structural
 /// damping of the motor's side, and one encoder's delay is that of both, with opposite signs.
@@ -209,28 +209,30 @@ fn together(
     options: &DiagnoseOptions,
     work: &mut Work,
 ) -> Result<(AxisModel, state::Balance), DiagnoseError> {
-    let raw = stated.drive.raw();
-    let apart = raw.motor_encoder_delay_s.and(raw.stage_encoder_delay_s).is_none();
-    let mut axis = given::folded(stated);
-    let mut balance = balance_of(&axis, recordings, options, apart)?;
+    let folded = given::folded(stated);
+    let raw = folded.drive.raw();
+    let mut later_s = raw.motor_encoder_delay_s.and(raw.stage_encoder_delay_s).is_none().then_some(0.0);
+    let mut axis = folded.clone();
+    let mut balance = balance_of(&axis, recordings, options, later_s)?;
     let mut open = balance.numbers().contains(&number::Number::EncoderTiming);
+    let mut own = work.half();
     for _ in 0..PASSES {
-        if !open {
+        if !std::mem::take(&mut open) {
             break;
         }
         let (start, _) = start_of(&axis, &balance);
         let path = subject::Drive::of_path(&balance);
-        let known = select(&path, start, Reach::default(), work, &|_, _| {});
-        let later_s = known.model.stage_is_later_s();
-        let [usual_s, most_s] = [Z95 * Criteria::STANDARD.timing_deviation, base::MOST_DELAY_SAMPLES]
-            .map(|samples| samples / balance.signals.rate_hz);
-        if later_s.abs() < usual_s {
+        let known = select(&path, start, Reach::default(), &mut own, &|_, _| {});
+        let usual_s = Criteria::STANDARD.timing_deviation / balance.signals.rate_hz;
+        let Some((more_s, deviation_s, at_bound)) = known.model.stage_is_later_s() else { break };
+        if more_s.abs() < Z95 * usual_s.hypot(deviation_s) {
             break;
         }
-        // One at the bound may be more.
-        open = later_s.abs() >= most_s;
-        axis = given::read_later(&axis, later_s);
-        balance = balance_of(&axis, recordings, options, apart)?;
+        let total_s = later_s.unwrap_or(0.0) + more_s;
+        (later_s, open) = (Some(total_s), at_bound);
+        axis = given::read_later(&folded, total_s);
+        balance = balance_of(&axis, recordings, options, later_s)?;
     }
+    work.take_over([&own, &Work::new(0)]);
     Ok((axis, balance))
 }

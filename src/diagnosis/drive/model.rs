@@ -15,7 +15,12 @@ use crate::plant::machine::{AxisModel, Machine};
 impl Case<'_> {
     /// The stated drive with numbers that the recordings tell; `all`: those that were never stated, too.
     fn drive(&self, state: &State, doubt: &Doubt) -> DriveParams {
-        let d = &self.balance.drive;
+        // When encoders are read is said by a correction or as it was stated.
+        let stated = super::given::folded(self.stated).drive;
+        let mut raw = self.balance.drive.raw().clone();
+        (raw.motor_encoder_delay_s, raw.stage_encoder_delay_s) =
+            (stated.raw().motor_encoder_delay_s, stated.raw().stage_encoder_delay_s);
+        let d = &DriveParams::new(raw).unwrap_or(stated);
         let told = beside(self.balance, state, doubt);
         let common = common_scale(self.balance, &told);
         let list = corrections(self.balance, self.stated, state, doubt);

@@ -2,6 +2,7 @@
 
 use super::columns::TimeColumn;
 use super::evidence::{Wider, held_out_gains, price, wider};
+use super::given;
 use super::gram::{BandGram, Gram, Part};
 use super::laws::{Deviations, scale_deviation};
 use super::likelihood::{Design, FREE, Spread, values, weights_of};
@@ -13,7 +14,6 @@ use super::state::{Balance, Base, LAG_STEP, Number, State, stated_mechanics};
 use super::subject::slopes;
 use crate::diagnosis::criteria::{Criteria, Z95};
 use crate::diagnosis::result::Correction;
-use crate::plant::drive::DriveParams;
 use crate::plant::machine::AxisModel;
 use nalgebra::DVector;
 
@@ -166,6 +166,7 @@ pub(super) fn stated_beta(balance: &Balance, state: &State) -> Vec<f64> {
     let m = stated_mechanics(balance);
     let number = |(k, n): (usize, &Number)| match n {
         Number::Zero | Number::Scale => state.base.fit.beta[k],
+        Number::EncoderTiming => -balance.stage_later_s.unwrap_or(0.0),
         n => m.of(*n),
     };
     let mut beta: Vec<f64> = state.base.numbers.iter().enumerate().map(number).collect();
@@ -282,17 +283,18 @@ pub(super) fn corrections(
     list
 }
 
-/// How much later one encoder is read than the other, where nobody states when either is.
+/// How much later one encoder is read than the other, where nobody states when both are. One at a bound is
+/// none.
 fn read_apart(balance: &Balance, axis: &AxisModel, state: &State, doubt: &Doubt) -> Option<Correction> {
     let k = state.base.numbers.iter().position(|n| *n == Number::EncoderTiming)?;
-    let apart_s = |d: &DriveParams| d.stage_encoder_delay_s() - d.motor_encoder_delay_s();
-    let more_s = apart_s(&balance.drive) + state.base.fit.beta[k] - apart_s(&axis.drive);
+    let more_s = balance.stage_later_s? + state.base.fit.beta[k];
     let half_s = Z95 * doubt.numbers[k].hypot(Criteria::STANDARD.timing_deviation / balance.signals.rate_hz);
+    let stated = given::folded(axis).drive;
     let (key, nominal_s) = if more_s > 0.0 {
-        ("stage_encoder_delay_s", axis.drive.stage_encoder_delay_s())
+        ("stage_encoder_delay_s", stated.stage_encoder_delay_s())
     } else {
-        ("motor_encoder_delay_s", axis.drive.motor_encoder_delay_s())
+        ("motor_encoder_delay_s", stated.motor_encoder_delay_s())
     };
     let told = Correction::within(key, nominal_s, nominal_s + more_s.abs(), half_s);
-    (more_s.abs() > half_s).then_some(told)
+    (more_s.abs() > half_s && !state.base.fit.held[k]).then_some(told)
 }

@@ -79,10 +79,12 @@ impl State {
         out
     }
 
-    /// By how much more the stage's encoder is read later than the motor's than the positions were taken, s.
-    pub(super) fn stage_is_later_s(&self) -> f64 {
-        let place = self.base.numbers.iter().position(|n| *n == N::EncoderTiming);
-        place.map_or(0.0, |k| self.base.fit.beta[k])
+    /// By how much more the stage's encoder is read later than the positions were taken, s, with its deviation
+    /// by the noise alone, and whether it is at its bound.
+    pub(super) fn stage_is_later_s(&self) -> Option<(f64, f64, bool)> {
+        let fit = &self.base.fit;
+        let k = self.base.numbers.iter().position(|n| *n == N::EncoderTiming)?;
+        Some((fit.beta[k], fit.inverse()[(k, k)].max(0.0).sqrt(), fit.held[k]))
     }
 
     fn take_numbers(&mut self, beta: &[f64]) {

@@ -404,23 +404,21 @@ impl Subject for Drive<'_> {
         Some(Fitted { hypothesis: h, model, evidence_nats, level_nats: self.level(state), at_bound })
     }
 
-    fn gain_nats(&self, before: &State, settled: &State) -> f64 {
-        let [before, settled] =
-            [before, settled].map(|s| s.base.fit.nats + price(s.laws(), values(&s.base.all)));
-        before - settled
-    }
-
-    fn settle(&self, state: State, work: &mut Work) -> State {
+    fn settle(&self, before: &State, state: State, work: &mut Work) -> (State, f64) {
         let state = self.settled(state, PASSES, work);
+        let gained = state.gain_nats(before);
         let state = self.without_faults(state, work);
-        self.without_stand_ins(state, work)
+        (self.without_stand_ins(state, work), gained)
     }
 }
 
 impl State {
-    /// Constants and amplitudes of what was taken up.
-    fn laws(&self) -> usize {
-        self.accepted.iter().map(|a| a.coefficients() + a.hypothesis.constants()).sum()
+    /// Gain over another state, less the price of what this one has taken up more, nats.
+    pub(super) fn gain_nats(&self, before: &Self) -> f64 {
+        let constants =
+            |s: &Self| s.accepted.iter().map(|a| a.coefficients() + a.hypothesis.constants()).sum();
+        let of = |s: &Self| s.base.fit.nats + price(constants(s), values(&s.base.all));
+        of(before) - of(self)
     }
 
     /// Puts a law into the state; what is of the path or a number moves that instead.

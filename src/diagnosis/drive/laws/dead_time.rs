@@ -15,7 +15,7 @@ pub(super) const EFFECT: Effect = Effect {
             let late = |samples| Delay { extra_s: samples * period_s, early: false };
             list.extend([0.3, 0.8, 1.6, 3.0, 5.0].map(|s| Hypothesis::new(Port::Current, late(s))));
         }
-        if search.two && !search.balance.encoders_apart {
+        if search.two && search.balance.stage_later_s.is_none() {
             let law = EncoderDelay { extra_s: 0.5 / search.signals.rate_hz };
             list.extend([Port::MotorEncoder, Port::StageEncoder].map(|port| Hypothesis::new(port, law)));
         }
