@@ -56,8 +56,8 @@ pub(super) struct Criteria {
     /// Share of the lines that are switched on which may pass as grown, and of the grown ones that may pass
     /// as switched on: before that the line is heard longer.
     pub(super) switched: f64,
-    /// Evidence that a line may have against it whose beginning nobody saw well: chatter begins three times as
-    /// often as a tone.
+    /// Evidence that a line may have against it whose beginning nobody saw well: chatter begins three times
+    /// as often as a tone.
     pub(super) unseen_nats: f64,
     /// Shape of the gamma distribution of its power: known within 50 %. Of 2, 3, 4 and 6 the one with which
     /// loud noise of a servo is silent and violent first entries are heard.

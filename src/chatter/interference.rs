@@ -59,8 +59,8 @@ impl Interference {
         near.min_by(|a, b| apart(a).total_cmp(&apart(b)))
     }
 
-    /// Takes what window `which` detected, and refuses it where it is a line that was switched on. In an alarm
-    /// lines are followed alone.
+    /// Takes what window `which` detected, and refuses it where it is a line that was switched on. In an
+    /// alarm lines are followed alone.
     pub(super) fn judge(&mut self, detection: &mut Detection, which: usize, context: &Context) {
         let Detection { offset_hz, power_n2, over_noise, grown_nats, moved, .. } = *detection;
         let least_nats = context.beginning_nats();

@@ -57,8 +57,8 @@ pub(super) struct SubBandState {
 }
 
 keep!(SubBandState {
-    mix, mixer, orders, noise, whitener, in_cut, left, history, count, since_change, seen, detections, whole_n2,
-    other_level, residuals, sustained, before, since, interference, alarmed,
+    mix, mixer, orders, noise, whitener, in_cut, left, history, count, since_change, seen, detections,
+    whole_n2, other_level, residuals, sustained, before, since, interference, alarmed,
 } if |s| s.seen >= s.since_change);
 
 impl SubBandState {

@@ -79,8 +79,8 @@ impl State {
         out
     }
 
-    /// By how much more the stage's encoder is read later than the positions were taken, s, with its deviation
-    /// by the noise alone, and whether it is at its bound.
+    /// By how much more the stage's encoder is read later than the positions were taken, s, with its
+    /// deviation by the noise alone, and whether it is at its bound.
     pub(super) fn stage_is_later_s(&self) -> Option<(f64, f64, bool)> {
         let fit = &self.base.fit;
         let k = self.base.numbers.iter().position(|n| *n == N::EncoderTiming)?;
