@@ -309,7 +309,7 @@ fn left_out(
     let mut out: Vec<(usize, &str)> =
         all().filter(|k| cut(*k)).map(|k| (k, "the axis stands in it while the spindle turns")).collect();
     let open = |out: &[(usize, &str)]| all().filter(|k| out.iter().all(|(o, _)| o != k)).collect::<Vec<_>>();
-    // Where others tell something: the axis moves in them, and half of what was measured is in them.
+    // Where others tell something: the axis moves in them, and they are half as long at least.
     let rows = |k: &usize| {
         let masked = options.masked.get(*k).map_or(0, |m| m.iter().filter(|m| **m).count());
         recordings[*k].len() - masked
@@ -319,7 +319,7 @@ fn left_out(
         let tells = others.map(|k| recordings[k].sample_rate.period_s() * rows(&k) as f64).sum::<f64>();
         let left =
             more.iter().map(|(k, _)| recordings[*k].sample_rate.period_s() * rows(k) as f64).sum::<f64>();
-        if tells > left { more } else { Vec::new() }
+        if 2.0 * tells > left { more } else { Vec::new() }
     };
     let mended = open(&out).into_iter().filter_map(|k| options.mended(k).map(|why| (k, why))).collect();
     out.extend(further(&out, mended));
