@@ -101,7 +101,7 @@ impl Interference {
             (_, true) => -CRITERIA.unseen_nats,
             _ => least_nats,
         };
-        if line.moved || line.grown_nats <= passes_nats.min(least_nats) {
+        if line.moved || line.grown_nats <= passes_nats {
             let share = if line.moved { -1.0 } else { line.grown_nats / least_nats };
             detection.least(CRITERIA.hold * (1.0 + share), Reason::Interference);
         }

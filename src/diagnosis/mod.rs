@@ -274,11 +274,11 @@ fn moving(
 ) -> Result<Diagnosis, DiagnoseError> {
     let out = left_out(model.1, recordings, (&options, stands));
     let left_out: Vec<usize> = out.iter().map(|(k, _)| *k).collect();
+    one_rate(recordings.iter().enumerate().filter(|(k, _)| !left_out.contains(k)).map(|(_, r)| r))?;
     if left_out.is_empty() {
         return drive::diagnose(model, recordings, &options, progress);
     }
     let kept = without(recordings, &left_out);
-    one_rate(kept.iter())?;
     let mut diagnosis = drive::diagnose(model, &kept, &options.without(&left_out), progress)?;
     let note = |(k, why): &(usize, &str)| format!("{}: left out, since {why}.", recordings[*k].experiment);
     diagnosis.notes.extend(out.iter().map(note));
@@ -310,16 +310,15 @@ fn left_out(
         all().filter(|k| cut(*k)).map(|k| (k, "the axis stands in it while the spindle turns")).collect();
     let open = |out: &[(usize, &str)]| all().filter(|k| out.iter().all(|(o, _)| o != k)).collect::<Vec<_>>();
     // Where others tell something: the axis moves in them, and they are half as long at least.
-    let rows = |k: &usize| {
-        let masked = options.masked.get(*k).map_or(0, |m| m.iter().filter(|m| **m).count());
-        recordings[*k].len() - masked
+    let measured_s = |k: usize| {
+        let masked = options.masked.get(k).map_or(0, |m| m.iter().filter(|m| **m).count());
+        recordings[k].sample_rate.period_s() * (recordings[k].len() - masked) as f64
     };
     let further = |out: &[(usize, &str)], more: Vec<(usize, &'static str)>| {
         let others = open(out).into_iter().filter(|k| !stands[*k] && more.iter().all(|(m, _)| m != k));
-        let tells = others.map(|k| recordings[k].sample_rate.period_s() * rows(&k) as f64).sum::<f64>();
-        let left =
-            more.iter().map(|(k, _)| recordings[*k].sample_rate.period_s() * rows(k) as f64).sum::<f64>();
-        if 2.0 * tells > left { more } else { Vec::new() }
+        let tells_s: f64 = others.map(measured_s).sum();
+        let left_s: f64 = more.iter().map(|(k, _)| measured_s(*k)).sum();
+        if 2.0 * tells_s > left_s { more } else { Vec::new() }
     };
     let mended = open(&out).into_iter().filter_map(|k| options.mended(k).map(|why| (k, why))).collect();
     out.extend(further(&out, mended));
