@@ -1,4 +1,4 @@
-//! Columns whose clocks differ: a force or a speed earlier or later than the motion.
+//! Columns whose clocks differ: a force, a speed or another position earlier or later than the motion.
 
 use super::columns::{AxisColumns, Role};
 use super::fault::{Action, FaultKind};
@@ -10,8 +10,9 @@ use super::work::{Told, Work};
 /// Rows between -3 dB of [`smooth`] and the rate: 0.26 / f_c.
 const SMOOTH_ROWS: f64 = 0.26;
 
-/// Tells delays of speeds, and moves a drive column that no physics delays so.
+/// Tells delays of speeds, and moves a position or a drive column that no physics delays so.
 pub(super) fn offsets(work: &mut Work<'_>, axis: &AxisColumns) {
+    position_offset(work, axis);
     // A moving average is late by itself, and that is told.
     let judged = |i: &usize| !work.silent[*i] && !work.has(*i, FaultKind::Smoothed);
     let speeds: Vec<usize> = axis.with(Role::Speed).filter(judged).collect();
@@ -30,7 +31,7 @@ pub(super) fn offsets(work: &mut Work<'_>, axis: &AxisColumns) {
 fn speed_offset(work: &mut Work<'_>, axis: &AxisColumns, speed: usize) {
     let position = axis.with(Role::Position).find(|p| !work.silent[*p] && same_unit(work, *p, speed));
     let Some(position) = position else { return };
-    let half = half_width(work);
+    let half = half_width(work, work.criteria.slow_hz);
     let a = smooth(&travel(work.values(position), 1, work.period_s()), half);
     let b = smooth(work.values(speed), half);
     let rows: Vec<usize> =
@@ -76,11 +77,86 @@ fn speed_offset(work: &mut Work<'_>, axis: &AxisColumns, speed: usize) {
     });
 }
 
+/// Moves one of two positions that is later than the other by more than encoders are: the one with which the
+/// drive fits worse, or else the one that does not stand for the axis.
+///
+/// Delay: where b(t + tau) = k a(t) leaves least, both the speeds of the slow band.
+fn position_offset(work: &mut Work<'_>, axis: &AxisColumns) {
+    let positions: Vec<usize> = axis.with(Role::Position).filter(|p| !work.silent[*p]).collect();
+    let (Some(first), [_, _]) = (axis.position(&work.recording), positions.as_slice()) else { return };
+    let Some(second) = positions.into_iter().find(|p| *p != first) else { return };
+    let (c, dt) = (*work.criteria, work.period_s());
+    // A spring between them is late, too, near its resonance.
+    let half = half_width(work, c.slow_hz / 3.0);
+    let [a, b] = [first, second].map(|p| smooth(&travel(work.values(p), 1, dt), half));
+    let stride = work.rows_in(5e-4);
+    let span = work.rows_in(c.delay_span_s).next_multiple_of(stride);
+    let edge = span + 2 * half + 2;
+    let usable = |i: &usize| work.usable[i - half..i + half].iter().all(|u| *u);
+    let places: Vec<usize> =
+        (edge..a.len().saturating_sub(edge)).step_by(half.max(1)).filter(usable).collect();
+    // Shares of b's power that a does not tell.
+    let left = |rows: isize| {
+        let (mut aa, mut ab, mut bb) = (0.0, 0.0, 0.0);
+        for i in &places {
+            let (a, b) = (a[*i], b[i.saturating_add_signed(rows)]);
+            aa += a * a;
+            ab += a * b;
+            bb += b * b;
+        }
+        1.0 - ab * ab / (aa * bb).max(f64::MIN_POSITIVE)
+    };
+    let count = (span / stride) as isize;
+    let all: Vec<f64> = (-count..=count).map(|k| left(k * stride as isize)).collect();
+    let Some((rows, least)) = lowest(&all).map(|(at, least)| ((at - count as f64) * stride as f64, least))
+    else {
+        return;
+    };
+    // A clock tells all, a spring and its damper do not.
+    let told = least < c.delay_gain * all[count as usize];
+    if !told || rows.abs() * dt <= c.late_s || rows.abs() <= c.late_rows {
+        return;
+    }
+    let drive = axis.with(Role::Drive).find(|i| !work.silent[*i]);
+    let unexplained = |position: usize| {
+        let balance = Balance::new(work, &Motion::of_position(work, position), drive?, span)?;
+        let Powers { all, left, .. } = balance.powers(0);
+        Some(left / all)
+    };
+    let first_is_off = unexplained(first) > unexplained(second);
+    let (column, other, rows) = if first_is_off { (first, second, -rows) } else { (second, first, rows) };
+    let name = work.name(column);
+    let statement = format!(
+        "{name} is {:.2} ms {} than {}; it was moved in time.",
+        1e3 * rows.abs() * dt,
+        if rows > 0.0 { "later" } else { "earlier" },
+        work.name(other)
+    );
+    work.tell(Told {
+        column: &name,
+        kind: FaultKind::ClockOffset,
+        action: Action::Correct,
+        rows: &[],
+        statement,
+    });
+    move_by(work, column, rows);
+}
+
+/// Where a parabola through the least of these and its neighbours is lowest, and that least; `None`: at an
+/// end.
+fn lowest(of: &[f64]) -> Option<(f64, f64)> {
+    let best = (0..of.len()).min_by(|a, b| of[*a].total_cmp(&of[*b]))?;
+    let [l, m, r] = [*of.get(best.checked_sub(1)?)?, of[best], *of.get(best + 1)?];
+    let bend = l - 2.0 * m + r;
+    let part = if bend > 0.0 { (0.5 * (l - r) / bend).clamp(-0.5, 0.5) } else { 0.0 };
+    Some((best as f64 + part, m))
+}
+
 /// Half width of the smoothing that leaves the slow band, rows.
-fn half_width(work: &Work<'_>) -> usize {
+fn half_width(work: &Work<'_>, cutoff_hz: f64) -> usize {
     let rate_hz = work.recording.sample_rate.hz();
     // Of a slow recording what its rate allows.
-    let cutoff_hz = work.criteria.slow_hz.min(0.1 * rate_hz);
+    let cutoff_hz = cutoff_hz.min(0.1 * rate_hz);
     (0.5 * (SMOOTH_ROWS * rate_hz / cutoff_hz - 1.0)).round().max(1.0) as usize
 }
 
@@ -97,7 +173,7 @@ struct Balance {
 
 impl Balance {
     fn new(work: &Work<'_>, motion: &Motion, drive: usize, span: usize) -> Option<Self> {
-        let half = half_width(work);
+        let half = half_width(work, work.criteria.slow_hz);
         let dt = work.period_s();
         let x = smooth(work.values(motion.position), half);
         let v = travel(&x, 1, dt);
@@ -180,20 +256,15 @@ fn drive_offset(work: &mut Work<'_>, axis: &AxisColumns, drive: usize) -> Option
     let balance = Balance::new(work, &motion, drive, span)?;
     let at = |k: isize| balance.powers(k * stride as isize);
     let all: Vec<Powers> = (-count..=count).map(at).collect();
-    let best = (0..all.len()).min_by(|a, b| all[*a].left.total_cmp(&all[*b].left))?;
     let now = all[count as usize];
-    if best == 0 || best + 1 == all.len() {
-        return None;
-    }
-    let [l, m, r] = [all[best - 1].left, all[best].left, all[best + 1].left];
-    let bend = l - 2.0 * m + r;
-    let part = if bend > 0.0 { (0.5 * (l - r) / bend).clamp(-0.5, 0.5) } else { 0.0 };
-    let rows = (best as f64 - count as f64 + part) * stride as f64;
+    let (at, m) = lowest(&all.iter().map(|p| p.left).collect::<Vec<_>>())?;
+    let best = all[at.round() as usize];
+    let rows = (at - count as f64) * stride as f64;
     let late_s = rows * dt;
     // Interval of the delay: where F of one number is below its quantile; zero must lie outside.
     let outside = now.left > m * (1.0 + c.delay_f / balance.independent);
     let seen = now.left - m > c.delay_gain * now.left && outside;
-    let has_inertia = all[best].inertia >= c.delay_inertia * all[best].all;
+    let has_inertia = best.inertia >= c.delay_inertia * best.all;
     let physics = if late_s > 0.0 { late_s <= c.late_s || rows <= c.late_rows } else { -late_s <= c.early_s };
     if !seen || !has_inertia || physics {
         return None;

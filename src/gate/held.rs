@@ -4,7 +4,7 @@ use super::columns::{AxisColumn, AxisColumns, Role};
 use super::fault::{Action, FaultKind};
 use super::motion::Motion;
 use super::rows::same_unit;
-use super::statistics::{Run, median, percentile, runs};
+use super::statistics::{Run, changes, median, percentile, runs};
 use super::work::{Told, Work, times};
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -26,7 +26,7 @@ pub(super) fn held(work: &mut Work<'_>, axis: &AxisColumns) {
     for column in axis.measured().filter(|c| !work.silent[c.index]) {
         match column.role {
             Role::Position => holds.extend(of_position(work, axis, column)),
-            _ => holds.extend(of_noisy(work, column)),
+            _ => holds.extend(of_noisy(work, axis, column)),
         }
     }
     let motion = Motion::of(work, axis);
@@ -137,42 +137,121 @@ fn of_position(work: &Work<'_>, axis: &AxisColumns, column: AxisColumn) -> Vec<H
     out
 }
 
-/// Runs of a force or a speed: it repeats itself as often as it does beside them.
+/// Runs of a force or a speed: it repeats itself as often as it does beside them. A controller that sees an
+/// encoder travel evenly repeats itself, too: over such rows as often as it does over all of them.
 ///
-/// S = (L - 1) (-log10 p)
-fn of_noisy(work: &Work<'_>, column: AxisColumn) -> Vec<Hold> {
+/// S = sum -log10 p over the rows behind the first, the least over the encoders
+fn of_noisy(work: &Work<'_>, axis: &AxisColumns, column: AxisColumn) -> Vec<Hold> {
     let c = work.criteria;
     let x = work.values(column.index);
-    let all = runs(x, 1);
-    let long: Vec<usize> =
-        (0..all.len()).filter(|k| all[*k].rows >= c.hold_rows.max(2 * work.updates[column.index])).collect();
-    let hold = |k: usize| {
-        let run = all[k];
+    let long: Vec<Run> = runs(x, c.hold_rows.max(2 * work.updates[column.index]));
+    if long.is_empty() {
+        return Vec::new();
+    }
+    let encoders: Vec<Vec<bool>> = axis.with(Role::Position).map(|p| travels_evenly(work, p)).collect();
+    let everywhere: Vec<Repeats> = encoders.iter().map(|even| Repeats::of(x, 0..x.len(), even)).collect();
+    let all = vec![true; x.len()];
+    let hold = |run: Run| {
         // At a limit it stands for another reason.
-        if !work.usable[run.first] {
+        if !work.usable[run.first] || stands_by_itself(x, run, work.resolution(column.index)) {
             return None;
         }
-        let near = |other: &Run| {
-            other.end() + c.hold_neighbours > run.first && other.first < run.end() + c.hold_neighbours
+        let from = run.first.saturating_sub(c.hold_neighbours);
+        let to = (run.end() + c.hold_neighbours).min(x.len());
+        // From its first repeat on.
+        let own = run.first.saturating_sub(1)..run.end();
+        let beside = Repeats::of(x, from..to, &all).without(Repeats::of(x, own.clone(), &all));
+        let of = |(even, everywhere): (&Vec<bool>, &Repeats)| {
+            let own = Repeats::of(x, own.clone(), even);
+            everywhere.without(own).surprise(own.repeats) + beside.surprise(run.rows - 1 - own.repeats)
         };
-        let before = all[..k].iter().rev().take_while(|r| near(r));
-        let beside: Vec<Run> = before.chain(all[k + 1..].iter().take_while(|r| near(r))).copied().collect();
-        let rows: usize = beside.iter().map(|r| r.rows).sum();
-        if stands_by_itself(x, run, work.resolution(column.index)) {
-            return None;
-        }
-        let repeats = rows - beside.len().min(rows);
-        let p = (repeats as f64 + 1.0) / (rows as f64 + 2.0);
-        Some(Hold { column, run, surprise: (run.rows - 1) as f64 * -p.log10(), jumps: false })
+        let by_itself = beside.surprise(run.rows - 1);
+        let surprise = encoders.iter().zip(&everywhere).map(of).fold(by_itself, f64::min);
+        Some(Hold { column, run, surprise, jumps: false })
     };
     long.into_iter().filter_map(hold).collect()
 }
 
-/// True where a column comes to its value or leaves it by one step: smooth as it is, it stands at the end of
-/// a motion, or a coarse encoder moves its controller now and then.
+/// How often a column repeats itself, and how often once more.
+#[derive(Debug, Clone, Copy, Default)]
+struct Repeats {
+    rows: usize,
+    repeats: usize,
+    /// Of those rows that follow a repeat.
+    behind: usize,
+    again: usize,
+}
+
+impl Repeats {
+    /// Over those of the rows that count.
+    fn of(x: &[f64], rows: Range<usize>, counts: &[bool]) -> Self {
+        let mut all = Self::default();
+        for i in rows.skip(2).filter(|i| counts[*i]) {
+            let (repeats, behind) = (x[i] == x[i - 1], x[i - 1] == x[i - 2]);
+            all.rows += 1;
+            all.repeats += usize::from(repeats);
+            all.behind += usize::from(behind);
+            all.again += usize::from(repeats && behind);
+        }
+        all
+    }
+
+    fn without(self, own: Self) -> Self {
+        Self {
+            rows: self.rows - own.rows,
+            repeats: self.repeats - own.repeats,
+            behind: self.behind - own.behind,
+            again: self.again - own.again,
+        }
+    }
+
+    /// Decades of improbability of a run of so many repeats.
+    fn surprise(self, run: usize) -> f64 {
+        let first = (self.repeats as f64 + 1.0) / (self.rows as f64 + 2.0);
+        let next = (self.again as f64 + first) / (self.behind as f64 + 1.0);
+        if run == 0 { 0.0 } else { -first.log10() - (run - 1) as f64 * next.log10() }
+    }
+}
+
+/// Rows over which an encoder goes on as far as over the row before or to the next one.
+fn travels_evenly(work: &Work<'_>, position: usize) -> Vec<bool> {
+    let x = work.values(position);
+    let (travel, q) = (changes(x), work.step(position));
+    let same = |i: usize| {
+        travel.get(i).is_some_and(|to| to.abs() > 0.5 * q && (to - travel[i - 1]).abs() < 0.5 * q)
+    };
+    (0..x.len()).map(|i| i > 1 && (same(i - 1) || same(i))).collect()
+}
+
+/// True where a column comes to its value or leaves it by one step, since a coarse encoder moves its controller
+/// now and then; and where the parabola through its neighbours stays at the value to a step: so does a smooth
+/// column where a motion turns round.
 fn stands_by_itself(x: &[f64], run: Run, q: f64) -> bool {
+    const AROUND: usize = 3;
     let one_step = |i: usize| x.get(i).is_none_or(|other| (other - x[run.first]).abs() < 1.5 * q);
-    one_step(run.first.wrapping_sub(1)) || one_step(run.end())
+    if one_step(run.first.wrapping_sub(1)) || one_step(run.end()) {
+        return true;
+    }
+    let (Some(from), to) = (run.first.checked_sub(AROUND), run.end() + AROUND) else { return true };
+    let Some(beside) = x.get(from..to) else { return true };
+    let half = 0.5 * (beside.len() - 1) as f64;
+    let at = |i: usize| (i as f64 - half) / half;
+    let outside = (0..beside.len()).filter(|i| *i < AROUND || *i >= AROUND + run.rows);
+    // Normal equations of 1 and t^2, t alone: the places lie symmetrically.
+    let (mut n, mut t2, mut t4, mut y, mut ty, mut t2y) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+    for i in outside {
+        let (t, v) = (at(i), beside[i] - x[run.first]);
+        n += 1.0;
+        t2 += t * t;
+        t4 += t.powi(4);
+        y += v;
+        ty += t * v;
+        t2y += t * t * v;
+    }
+    let determinant = n * t4 - t2 * t2;
+    let level = (y * t4 - t2y * t2) / determinant;
+    let (slope, bend) = (ty / t2, (t2y * n - t2 * y) / determinant);
+    (AROUND..AROUND + run.rows).all(|i| (level + slope * at(i) + bend * at(i).powi(2)).abs() <= 1.5 * q)
 }
 
 /// Positions that stood through a hold of the other columns, from a rest that had begun before it, and jump

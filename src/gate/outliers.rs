@@ -1,15 +1,19 @@
 //! Single rows far from their neighbours.
 
 use super::columns::{AxisColumns, Role};
-use super::criteria::Criteria;
 use super::fault::{Action, FaultKind};
-use super::statistics::{NORMAL, range};
+use super::statistics::{NORMAL, median, range};
 use super::work::{Told, Work, stretches, times};
 use crate::signal::sliding_median::sliding_median;
+use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
 
 /// One or two rows; more is a signal.
 const LONGEST: usize = 2;
+/// Rows to both sides that say how large a deviation is, and what other columns have to do with it.
+const AROUND: usize = 100;
+/// Rows to both sides in which another column tells a deviation.
+const BESIDE: usize = 2;
 
 /// Distance of each row from the median of seven, and how far the rows about it are from theirs.
 struct Deviation {
@@ -26,14 +30,45 @@ impl Deviation {
         let around = sliding_median(x, 3);
         let from_median: Vec<f64> = x.iter().zip(&around).map(|(a, b)| a - b).collect();
         let sizes: Vec<f64> = from_median.iter().map(|d| d.abs()).collect();
-        let local = sliding_median(&sizes, 100).into_iter().map(|d| NORMAL * d).collect();
+        let local = sliding_median(&sizes, AROUND).into_iter().map(|d| NORMAL * d).collect();
         Self { index, from_median, local, range: range(x) }
     }
 
-    /// True where the column moves with another that is far off.
-    fn moves(&self, c: &Criteria, rows: &Range<usize>) -> bool {
-        let own = 0.25 * c.outlier_range * self.range;
-        rows.clone().any(|i| self.from_median[i].abs() > (0.5 * c.outlier_scales * self.local[i]).max(own))
+    /// What its neighbours and the other columns do not tell of the first of these rows, and how much they
+    /// usually do not tell; `None`: too near an end.
+    ///
+    /// Least squares over the rows about it, on the values before and behind such a stretch and on second
+    /// differences of the others: a controller kicks where it sees a step of an encoder, a vibration goes on.
+    fn untold(&self, x: &[f64], others: &[&[f64]], rows: &Range<usize>) -> Option<[f64; 2]> {
+        let reach = BESIDE + 1;
+        let (from, to) = (rows.start.checked_sub(AROUND + reach)?, rows.end + AROUND);
+        if to + rows.len() + reach >= x.len() {
+            return None;
+        }
+        let lags = 2 * BESIDE + 1;
+        let second = |x: &[f64], i: usize| x[i + 1] - 2.0 * x[i] + x[i - 1];
+        let middle = x[rows.start] - self.from_median[rows.start];
+        let told_by = |i: usize, column: usize| match column {
+            0 => 1.0,
+            c if c <= reach => x[i - c] - middle,
+            c if c <= 2 * reach => x[i + rows.len() - 1 + c - reach] - middle,
+            c => {
+                let (other, lag) = ((c - 1 - 2 * reach) / lags, (c - 1 - 2 * reach) % lags);
+                second(others[other], i + lag - BESIDE)
+            }
+        };
+        // Rows whose neighbours are not these.
+        let clear = |i: &usize| *i + rows.len() + reach <= rows.start || *i >= rows.end + reach;
+        let places: Vec<usize> = (from + reach..to).filter(clear).collect();
+        let columns = 1 + 2 * reach + others.len() * lags;
+        let mut told = DMatrix::from_fn(places.len(), columns, |k, c| told_by(places[k], c));
+        let scales: Vec<f64> = told.column_iter().map(|c| c.norm().max(f64::MIN_POSITIVE)).collect();
+        told.column_iter_mut().zip(&scales).for_each(|(mut c, s)| c /= *s);
+        let values = DVector::from_iterator(places.len(), places.iter().map(|i| x[*i] - middle));
+        let by = told.clone().svd(true, true).solve(&values, 1e-9).ok()?;
+        let left: Vec<f64> = (values - told * &by).iter().map(|l| l.abs()).collect();
+        let own: f64 = (0..columns).map(|c| by[c] * told_by(rows.start, c) / scales[c]).sum();
+        Some([(x[rows.start] - middle - own).abs(), NORMAL * median(&left)])
     }
 }
 
@@ -55,12 +90,14 @@ pub(super) fn outliers(work: &mut Work<'_>, axis: &AxisColumns) {
             .map(|i| d.from_median[i].abs() > least.max(c.outlier_scales * d.local[i]) && work.usable[i])
             .collect();
         let mut rows = stretches(&far, 0);
+        let others: Vec<&[f64]> =
+            columns.iter().filter(|i| **i != d.index).map(|i| work.values(*i)).collect();
         rows.retain(|r| {
             let inside = r.start >= 1 && r.end < x.len() && r.len() <= LONGEST;
             let size = r.clone().map(|i| d.from_median[i].abs()).fold(0.0, f64::max);
             inside
                 && (x[r.end] - x[r.start - 1]).abs() < c.outlier_neighbours * size
-                && !deviations.iter().any(|o| o.index != d.index && o.moves(&c, r))
+                && d.untold(x, &others, r).is_none_or(|[own, usual]| own > least.max(c.outlier_scales * usual))
         });
         let count: usize = rows.iter().map(Range::len).sum();
         if count > 0 && count as f64 <= c.outlier_rows * x.len() as f64 {

@@ -25,7 +25,10 @@ enum Place {
 pub(super) fn whole(work: &mut Work<'_>, axis: &AxisColumns) {
     let positions: Vec<usize> = axis.with(Role::Position).filter(|p| !work.silent[*p]).collect();
     let Some(position) = axis.position(&work.recording).filter(|p| positions.contains(p)) else { return };
-    let found = places(work, position);
+    let mut found = places(work, position);
+    // A row is one of all columns: what another encoder travels must say the same.
+    let others: Vec<usize> = positions.into_iter().filter(|p| *p != position).collect();
+    found.retain(|(row, place)| others.iter().all(|other| agrees(work, *other, *row - 1, *place)));
     if found.is_empty() {
         return;
     }
@@ -90,6 +93,19 @@ fn places(work: &Work<'_>, position: usize) -> Vec<(usize, Place)> {
         }
     }
     found
+}
+
+/// False where the travel of another position to that row is rather that of a single row.
+fn agrees(work: &Work<'_>, other: usize, i: usize, place: Place) -> bool {
+    let d = changes(&work.values(other)[i - NEIGHBOURS..=i + 1 + NEIGHBOURS]);
+    let Expected { travel, .. } = expected(&d, NEIGHBOURS);
+    let rows = match place {
+        Place::Doubled(count) => 1.0 - count as f64,
+        Place::Missing(count) => 1.0 + count as f64,
+        Place::Late => 0.0,
+    };
+    let (single, told) = (d[NEIGHBOURS] - travel, d[NEIGHBOURS] - rows * travel);
+    told.abs() <= single.abs()
 }
 
 /// Travel that a row should have by its neighbours, how they scatter, and what each side alone says.

@@ -82,33 +82,35 @@ fn has_notches(power: &[f64], n: usize, [each_db, mean_db]: [f64; 2]) -> bool {
     depths.len() >= 2 && depths.iter().all(|d| *d >= each_db) && mean(&depths) >= mean_db
 }
 
-/// Tells a line of the mains, or of a multiple, in a drive column.
+/// Tells a line of the mains, or of a multiple, in a drive column, if no other line about it is as large: of
+/// the lines of an excitation one may lie there.
 pub(super) fn mains_line(work: &mut Work<'_>, axis: &AxisColumns) {
     let drives: Vec<usize> = axis.with(Role::Drive).filter(|i| !work.silent[*i]).collect();
     let spindle_hz = spindle_hz(work);
+    let c = *work.criteria;
     for column in drives {
         let x = work.values(column);
-        let rate_hz = work.recording.sample_rate.hz();
+        let Some(lines) = Lines::of(x, work.recording.sample_rate.hz()) else { continue };
         let spread = deviation(x);
-        let lines = [50.0, 60.0].into_iter().flat_map(|f| [1.0, 2.0, 3.0, 6.0].map(|k| f * k));
-        let c = work.criteria;
-        let found: Vec<(f64, f64)> = lines
+        let of_mains = [50.0, 60.0].into_iter().flat_map(|f| [1.0, 2.0, 3.0, 6.0].map(|k| f * k));
+        let is_line = |k: usize| lines.rms(k) > c.line_over_neighbours * lines.beside(k);
+        let alone = |k: usize| {
+            let others = k / 2..2 * k;
+            let larger = |other: &usize| !lines.is_of_mains(*other) && lines.rms(*other) > lines.rms(k);
+            others.filter(larger).all(|other| !is_line(other))
+        };
+        let found = of_mains
             .filter(|f| !of_spindle(spindle_hz, *f))
-            .filter_map(|f| {
-                let line = line(x, f, rate_hz)?;
-                let is_one =
-                    line.rms > c.line_over_neighbours * line.beside && line.rms > c.line_share * spread;
-                is_one.then_some((f, line.rms))
-            })
-            .collect();
-        let Some((frequency_hz, rms)) = found.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1)) else {
+            .filter_map(|f| Some((f, lines.largest_near(f)?)))
+            .filter(|(_, k)| lines.rms(*k) > c.line_share * spread && is_line(*k) && alone(*k));
+        let Some((frequency_hz, k)) = found.max_by(|a, b| lines.rms(a.1).total_cmp(&lines.rms(b.1))) else {
             continue;
         };
         let name = work.name(column);
         let statement = format!(
             "{name} carries a line at {frequency_hz} Hz, {:.1} % of its spread: the mains, or something \
              that turns.",
-            100.0 * rms / spread
+            100.0 * lines.rms(k) / spread
         );
         work.tell(Told {
             column: &name,
@@ -132,40 +134,75 @@ fn of_spindle(spindle_hz: Option<f64>, frequency_hz: f64) -> bool {
     spindle_hz.is_some_and(|s| (frequency_hz / s - (frequency_hz / s).round()).abs() * s < NEAR_HZ)
 }
 
-struct Line {
-    rms: f64,
-    beside: f64,
+/// Spectrum of a whole column with a Hann window.
+struct Lines {
+    /// Sums of the power of the bins below each: a sine of root mean square 1 has 1 in its bin.
+    sums: Vec<f64>,
+    bin_hz: f64,
 }
 
-/// The largest line near a frequency, and what lies within 4 Hz of it; `None`: too short, or too slow.
-fn line(x: &[f64], frequency_hz: f64, rate_hz: f64) -> Option<Line> {
+impl Lines {
+    /// What a line is held against, to both sides, Hz.
     const NEAR_HZ: f64 = 4.0;
-    const LEAST_BINS: f64 = 8.0;
-    let n = x.len();
-    let bin_hz = 1.0 / (n as f64 / rate_hz);
-    if frequency_hz > 0.45 * rate_hz || NEAR_HZ < LEAST_BINS * bin_hz {
-        return None;
-    }
-    let middle = mean(x);
-    let size = |f: f64| {
-        // Goertzel with a Hann window: of a sine of root mean square 1 it is 1.
-        let turn = Complex64::from_polar(1.0, -TAU * f / rate_hz);
-        let slow = Complex64::from_polar(1.0, TAU / n as f64);
-        let (mut phase, mut window, mut sum) =
-            (Complex64::new(1.0, 0.0), Complex64::new(1.0, 0.0), Complex64::new(0.0, 0.0));
-        for v in x {
-            sum += phase * ((v - middle) * (1.0 - window.re));
-            phase *= turn;
-            window *= slow;
+    /// Bins to both sides that a line itself fills.
+    const OWN: usize = 3;
+
+    /// `None`: too short.
+    fn of(x: &[f64], rate_hz: f64) -> Option<Self> {
+        const LEAST_BINS: f64 = 8.0;
+        let (n, middle) = (x.len(), mean(x));
+        let bin_hz = rate_hz / n as f64;
+        if Self::NEAR_HZ < LEAST_BINS * bin_hz {
+            return None;
         }
-        std::f64::consts::SQRT_2 * sum.norm() / n as f64
-    };
-    let at = |k: f64| size(frequency_hz + k * bin_hz);
-    let rms = [-1.0, -0.5, 0.0, 0.5, 1.0].map(at).into_iter().fold(0.0, f64::max);
-    let far = NEAR_HZ / bin_hz;
-    let beside: Vec<f64> =
-        (0..10).map(|k| 4.0 + (far - 4.0) * f64::from(k) / 9.0).flat_map(|k| [at(k), at(-k)]).collect();
-    Some(Line { rms, beside: (beside.iter().map(|b| b * b).sum::<f64>() / beside.len() as f64).sqrt() })
+        let window = |i: usize| 1.0 - (TAU * i as f64 / n as f64).cos();
+        let mut z: Vec<Complex64> =
+            x.iter().enumerate().map(|(i, v)| Complex64::new((v - middle) * window(i), 0.0)).collect();
+        FftPlanner::new().plan_fft_forward(n).process(&mut z);
+        let mut sums = vec![0.0];
+        let mut sum = 0.0;
+        for z in &z[..n / 2] {
+            sum += 2.0 * z.norm_sqr() / (n as f64).powi(2);
+            sums.push(sum);
+        }
+        Some(Self { sums, bin_hz })
+    }
+
+    fn power(&self, [from, to]: [usize; 2]) -> f64 {
+        let end = self.sums.len() - 1;
+        (self.sums[to.min(end)] - self.sums[from.min(end)]).max(0.0)
+    }
+
+    fn rms(&self, k: usize) -> f64 {
+        self.power([k, k + 1]).sqrt()
+    }
+
+    /// Root mean square of the bins within [`Self::NEAR_HZ`], the line's own left out.
+    fn beside(&self, k: usize) -> f64 {
+        let reach = (Self::NEAR_HZ / self.bin_hz) as usize;
+        let below = self.power([k.saturating_sub(reach), k.saturating_sub(Self::OWN)]);
+        let above = self.power([k + Self::OWN + 1, k + reach + 1]);
+        ((below + above) / (2 * (reach - Self::OWN)) as f64).sqrt()
+    }
+
+    /// The largest bin within one of a frequency; `None`: too fast.
+    fn largest_near(&self, frequency_hz: f64) -> Option<usize> {
+        let k = (frequency_hz / self.bin_hz).round() as usize;
+        let reach = (Self::NEAR_HZ / self.bin_hz) as usize;
+        let inside = k > reach && k + reach < self.sums.len();
+        (k - inside as usize..=k + 1)
+            .max_by(|a, b| self.rms(*a).total_cmp(&self.rms(*b)))
+            .filter(|_| inside)
+    }
+
+    /// True of the bins of a multiple of the mains.
+    fn is_of_mains(&self, k: usize) -> bool {
+        let off = |f: f64| {
+            let times = (k as f64 * self.bin_hz / f).round().max(1.0);
+            (k as f64 - times * f / self.bin_hz).abs()
+        };
+        off(50.0).min(off(60.0)) <= (Self::OWN + 1) as f64
+    }
 }
 
 #[cfg(test)]
