@@ -1,7 +1,7 @@
 //! Recordings behind the gate, for every command that reads one of an axis.
 
 use super::bad_input;
-use crate::gate::{Criteria, Fault, Gated, Logged, check};
+use crate::gate::{Criteria, Fault, Gated, Logged, check, rounded_by_one};
 use crate::recording::{read_logged, read_recording};
 use crate::report::faults::FaultOf;
 use crate::sample::Recording;
@@ -29,19 +29,21 @@ pub(super) fn read_checked<'a>(
     paths: impl Iterator<Item = &'a Path>,
     axes: &[String],
 ) -> anyhow::Result<Checked> {
+    let paths: Vec<PathBuf> = paths.map(Path::to_owned).collect();
+    let mut all: Vec<Gated> = paths.iter().map(|path| read_gated(path, axes)).collect::<Result<_, _>>()?;
+    rounded_by_one(&mut all, axes);
     let mut checked = Checked { gated: Vec::new(), paths: Vec::new(), files: Vec::new(), faults: Vec::new() };
     let mut refusal = None;
-    for path in paths {
-        let gated = read_gated(path, axes)?;
+    for (path, gated) in paths.into_iter().zip(all) {
         let file = path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
         let faults =
             gated.faults.iter().map(|fault| FaultOf { recording: file.clone(), fault: fault.clone() });
         checked.faults.extend(faults);
         if let Some(fault) = gated.refusal() {
-            refusal.get_or_insert_with(|| refused(path, fault));
+            refusal.get_or_insert_with(|| refused(&path, fault));
             continue;
         }
-        checked.paths.push(path.to_owned());
+        checked.paths.push(path);
         checked.files.push(file);
         checked.gated.push(gated);
     }

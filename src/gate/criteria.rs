@@ -1,7 +1,7 @@
 //! Every threshold of the gate, with where it comes from.
 
 /// When a fault is told. "Counted" means: set on the recordings and injected faults of
-/// `docs/method.md`, section on recordings, so that none of the clean ones is told.
+/// `docs/results-diagnosis.md`, section on faults, so that none of the clean ones is told.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Criteria {
     /// Decades of improbability under "the column is alive", beside log10 of the rows: one false alarm in
@@ -13,8 +13,8 @@ pub struct Criteria {
     pub jump_share: f64,
     /// The same over every neighbouring change, where the axis turned round meanwhile. Counted.
     pub jump_over_neighbours: f64,
-    /// Rows on both sides of a run that say how often the column repeats itself.
-    pub hold_neighbours: usize,
+    /// Rows on both sides that say how often a column repeats itself, and how it scatters.
+    pub neighbours: usize,
     /// Share of the changes on one residue that says that a column is updated every k rows. Counted.
     pub residue_share: f64,
     /// Share of the rows in runs of k or k + 1 rows that says the same where k is no whole number. Counted.
@@ -123,7 +123,7 @@ impl Default for Criteria {
             hold_rows: 3,
             jump_share: 0.5,
             jump_over_neighbours: 8.0,
-            hold_neighbours: 100,
+            neighbours: 100,
             residue_share: 0.9,
             run_share: 0.6,
             rate_changes: 40,

@@ -153,11 +153,11 @@ fn of_noisy(work: &Work<'_>, axis: &AxisColumns, column: AxisColumn) -> Vec<Hold
     let all = vec![true; x.len()];
     let hold = |run: Run| {
         // At a limit it stands for another reason.
-        if !work.usable[run.first] || stands_by_itself(x, run, work.resolution(column.index)) {
+        if !work.usable[run.first] || stands_by_itself(x, run, work.resolution(column.index), c.hold_rows) {
             return None;
         }
-        let from = run.first.saturating_sub(c.hold_neighbours);
-        let to = (run.end() + c.hold_neighbours).min(x.len());
+        let from = run.first.saturating_sub(c.neighbours);
+        let to = (run.end() + c.neighbours).min(x.len());
         // From its first repeat on.
         let own = run.first.saturating_sub(1)..run.end();
         let beside = Repeats::of(x, from..to, &all).without(Repeats::of(x, own.clone(), &all));
@@ -217,26 +217,24 @@ impl Repeats {
 fn travels_evenly(work: &Work<'_>, position: usize) -> Vec<bool> {
     let x = work.values(position);
     let (travel, q) = (changes(x), work.step(position));
-    let same = |i: usize| {
-        travel.get(i).is_some_and(|to| to.abs() > 0.5 * q && (to - travel[i - 1]).abs() < 0.5 * q)
-    };
+    let same =
+        |i: usize| travel.get(i).is_some_and(|to| to.abs() > 0.5 * q && (to - travel[i - 1]).abs() < 0.5 * q);
     (0..x.len()).map(|i| i > 1 && (same(i - 1) || same(i))).collect()
 }
 
-/// True where a column comes to its value or leaves it by one step, since a coarse encoder moves its controller
-/// now and then; and where the parabola through its neighbours stays at the value to a step: so does a smooth
-/// column where a motion turns round.
-fn stands_by_itself(x: &[f64], run: Run, q: f64) -> bool {
-    const AROUND: usize = 3;
+/// True where a column comes to its value or leaves it by one step, since a coarse encoder moves its
+/// controller now and then; and where the parabola through its neighbours stays at the value to a step: so
+/// does a smooth column where a motion turns round.
+fn stands_by_itself(x: &[f64], run: Run, q: f64, around: usize) -> bool {
     let one_step = |i: usize| x.get(i).is_none_or(|other| (other - x[run.first]).abs() < 1.5 * q);
     if one_step(run.first.wrapping_sub(1)) || one_step(run.end()) {
         return true;
     }
-    let (Some(from), to) = (run.first.checked_sub(AROUND), run.end() + AROUND) else { return true };
+    let (Some(from), to) = (run.first.checked_sub(around), run.end() + around) else { return true };
     let Some(beside) = x.get(from..to) else { return true };
     let half = 0.5 * (beside.len() - 1) as f64;
     let at = |i: usize| (i as f64 - half) / half;
-    let outside = (0..beside.len()).filter(|i| *i < AROUND || *i >= AROUND + run.rows);
+    let outside = (0..beside.len()).filter(|i| *i < around || *i >= around + run.rows);
     // Normal equations of 1 and t^2, t alone: the places lie symmetrically.
     let (mut n, mut t2, mut t4, mut y, mut ty, mut t2y) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
     for i in outside {
@@ -251,7 +249,8 @@ fn stands_by_itself(x: &[f64], run: Run, q: f64) -> bool {
     let determinant = n * t4 - t2 * t2;
     let level = (y * t4 - t2y * t2) / determinant;
     let (slope, bend) = (ty / t2, (t2y * n - t2 * y) / determinant);
-    (AROUND..AROUND + run.rows).all(|i| (level + slope * at(i) + bend * at(i).powi(2)).abs() <= 1.5 * q)
+    let parabola = |t: f64| level + slope * t + bend * t * t;
+    (around..around + run.rows).all(|i| parabola(at(i)).abs() <= 1.5 * q)
 }
 
 /// Positions that stood through a hold of the other columns, from a rest that had begun before it, and jump

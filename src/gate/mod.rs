@@ -32,6 +32,7 @@ mod work;
 
 pub use criteria::Criteria;
 pub use fault::{Action, Fault, FaultKind};
+pub use rounding::rounded_by_one;
 
 use crate::sample::Recording;
 use columns::{AxisColumns, Role};
@@ -65,6 +66,8 @@ pub struct Gated {
     pub usable: Vec<bool>,
     /// Rows that the logger averaged the force over, and the positions; 1: none.
     pub averaged: [usize; 2],
+    /// Step of each column as it was logged; 0: none was found.
+    pub steps: Vec<f64>,
     /// What is wrong, in the order of the columns of the file.
     pub faults: Vec<Fault>,
 }

@@ -10,8 +10,6 @@ use std::ops::Range;
 
 /// One or two rows; more is a signal.
 const LONGEST: usize = 2;
-/// Rows to both sides that say how large a deviation is, and what other columns have to do with it.
-const AROUND: usize = 100;
 /// Rows to both sides in which another column tells a deviation.
 const BESIDE: usize = 2;
 
@@ -30,21 +28,25 @@ impl Deviation {
         let around = sliding_median(x, 3);
         let from_median: Vec<f64> = x.iter().zip(&around).map(|(a, b)| a - b).collect();
         let sizes: Vec<f64> = from_median.iter().map(|d| d.abs()).collect();
-        let local = sliding_median(&sizes, AROUND).into_iter().map(|d| NORMAL * d).collect();
+        let local =
+            sliding_median(&sizes, work.criteria.neighbours).into_iter().map(|d| NORMAL * d).collect();
         Self { index, from_median, local, range: range(x) }
     }
 
     /// What its neighbours and the other columns do not tell of the first of these rows, and how much they
-    /// usually do not tell; `None`: too near an end.
+    /// usually do not tell; `None`: too few rows.
     ///
     /// Least squares over the rows about it, on the values before and behind such a stretch and on second
     /// differences of the others: a controller kicks where it sees a step of an encoder, a vibration goes on.
-    fn untold(&self, x: &[f64], others: &[&[f64]], rows: &Range<usize>) -> Option<[f64; 2]> {
+    fn untold(
+        &self,
+        (x, others): (&[f64], &[&[f64]]),
+        rows: &Range<usize>,
+        around: usize,
+    ) -> Option<[f64; 2]> {
         let reach = BESIDE + 1;
-        let (from, to) = (rows.start.checked_sub(AROUND + reach)?, rows.end + AROUND);
-        if to + rows.len() + reach >= x.len() {
-            return None;
-        }
+        let from = rows.start.saturating_sub(around).max(reach);
+        let to = (rows.end + around).min(x.len().saturating_sub(rows.len() + reach));
         let lags = 2 * BESIDE + 1;
         let second = |x: &[f64], i: usize| x[i + 1] - 2.0 * x[i] + x[i - 1];
         let middle = x[rows.start] - self.from_median[rows.start];
@@ -59,8 +61,11 @@ impl Deviation {
         };
         // Rows whose neighbours are not these.
         let clear = |i: &usize| *i + rows.len() + reach <= rows.start || *i >= rows.end + reach;
-        let places: Vec<usize> = (from + reach..to).filter(clear).collect();
+        let places: Vec<usize> = (from..to).filter(clear).collect();
         let columns = 1 + 2 * reach + others.len() * lags;
+        if places.len() < 2 * columns || rows.start < reach || rows.end + reach > x.len() {
+            return None;
+        }
         let mut told = DMatrix::from_fn(places.len(), columns, |k, c| told_by(places[k], c));
         let scales: Vec<f64> = told.column_iter().map(|c| c.norm().max(f64::MIN_POSITIVE)).collect();
         told.column_iter_mut().zip(&scales).for_each(|(mut c, s)| c /= *s);
@@ -97,7 +102,8 @@ pub(super) fn outliers(work: &mut Work<'_>, axis: &AxisColumns) {
             let size = r.clone().map(|i| d.from_median[i].abs()).fold(0.0, f64::max);
             inside
                 && (x[r.end] - x[r.start - 1]).abs() < c.outlier_neighbours * size
-                && d.untold(x, &others, r).is_none_or(|[own, usual]| own > least.max(c.outlier_scales * usual))
+                && d.untold((x, &others), r, c.neighbours)
+                    .is_none_or(|[own, usual]| own > least.max(c.outlier_scales * usual))
         });
         let count: usize = rows.iter().map(Range::len).sum();
         if count > 0 && count as f64 <= c.outlier_rows * x.len() as f64 {

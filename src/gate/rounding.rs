@@ -1,16 +1,20 @@
 //! Columns whose step is as large as what they should show.
 
-use super::columns::AxisColumns;
-use super::fault::{Action, FaultKind};
+use super::Gated;
+use super::columns::{AxisColumns, Role};
+use super::fault::{Action, Fault, FaultKind};
 use super::motion::Motion;
-use super::statistics::{digits, percentile};
+use super::statistics::{deviation, digits, mean, percentile};
 use super::work::{Told, Work};
+use std::collections::BTreeMap;
 
 /// Over this long a column should have changed by more than its step, s.
 const WITHIN_S: f64 = 1e-3;
 
-/// Tells a step whose rounding, q^2 / 12, is a large part of the power of the changes of a moving axis.
+/// Tells a step whose rounding, q^2 / 12, is a large part of the power of the changes of a moving axis, or of
+/// what two positions of it differ by.
 pub(super) fn rounded(work: &mut Work<'_>, axis: &AxisColumns) {
+    let stretches = stretches(work, axis);
     let motion = Motion::of(work, axis);
     let columns: Vec<_> = axis.measured().filter(|c| !work.silent[c.index]).collect();
     for column in columns {
@@ -32,11 +36,22 @@ pub(super) fn rounded(work: &mut Work<'_>, axis: &AxisColumns) {
         // Motion comes in bursts, of which the larger ones count.
         let power = percentile(&changes, 0.9);
         let share = size * size / 12.0 / power.max(f64::MIN_POSITIVE);
-        if few.is_none() && (q <= 0.0 || share < work.criteria.rounding_share) {
+        let stretch = stretches.iter().find(|(index, _)| *index == column.index).map(|(_, stretch)| *stretch);
+        let of_stretch = stretch.map(|s| (q * q / 12.0 / (s * s).max(f64::MIN_POSITIVE), s));
+        let of_stretch = of_stretch.filter(|(share, _)| *share >= work.criteria.rounding_share);
+        if few.is_none() && (q <= 0.0 || share < work.criteria.rounding_share) && of_stretch.is_none() {
             continue;
         }
         let name = work.name(column.index);
         let statement = match few {
+            None if share < work.criteria.rounding_share => {
+                let (share, stretch) = of_stretch.unwrap_or_default();
+                format!(
+                    "{name} has a step of {q:.3e}: rounding is {:.0} % of the power of its distance from \
+                     the other position, {stretch:.3e}.",
+                    100.0 * share.min(1.0)
+                )
+            }
             Some(d) => format!(
                 "{name} is rounded to {d} significant digits, a step of {size:.2e} at its usual size."
             ),
@@ -58,4 +73,55 @@ pub(super) fn rounded(work: &mut Work<'_>, axis: &AxisColumns) {
             statement,
         });
     }
+}
+
+/// Tells positions whose step is a multiple of the one that another recording of the machine has: an encoder
+/// has one, and the rest is the logger's.
+pub fn rounded_by_one(recordings: &mut [Gated], axes: &[String]) {
+    let mut finest: BTreeMap<String, f64> = BTreeMap::new();
+    let mut found: Vec<(usize, String, f64)> = Vec::new();
+    for (k, Gated { recording, steps, .. }) in recordings.iter().enumerate() {
+        for column in axes.iter().flat_map(|axis| AxisColumns::of(recording, axis).columns) {
+            let (name, step) = (&recording.columns[column.index].name, steps[column.index]);
+            if column.role == Role::Position && step > 0.0 {
+                finest.entry(name.clone()).and_modify(|f| *f = f.min(step)).or_insert(step);
+                found.push((k, name.clone(), step));
+            }
+        }
+    }
+    for (k, column, step) in found {
+        let (finest, faults) = (finest[&column], &mut recordings[k].faults);
+        let told = faults.iter().any(|f| f.column == column && f.kind == FaultKind::Rounded);
+        if (step / finest).round() < 2.0 || told {
+            continue;
+        }
+        let statement =
+            format!("{column} has a step of {step:.3e}, and of {finest:.3e} in another recording.");
+        faults.push(Fault {
+            column,
+            kind: FaultKind::Rounded,
+            time_s: Vec::new(),
+            share: 1.0,
+            action: Action::Tell,
+            statement,
+        });
+    }
+}
+
+/// Of two positions what each is off the straight line that it makes of the other, in its own unit.
+fn stretches(work: &Work<'_>, axis: &AxisColumns) -> Vec<(usize, f64)> {
+    let positions: Vec<usize> = axis.with(Role::Position).filter(|p| !work.silent[*p]).collect();
+    let [one, other] = positions[..] else { return Vec::new() };
+    let off = |of: usize, by: usize| {
+        let (x, y) = (work.values(of), work.values(by));
+        let [x_mean, y_mean] = [x, y].map(mean);
+        let (mut xy, mut yy) = (0.0, 0.0);
+        for (x, y) in x.iter().zip(y) {
+            xy += (x - x_mean) * (y - y_mean);
+            yy += (y - y_mean).powi(2);
+        }
+        let slope = xy / yy;
+        deviation(&x.iter().zip(y).map(|(x, y)| x - slope * y).collect::<Vec<_>>())
+    };
+    vec![(one, off(one, other)), (other, off(other, one))]
 }

@@ -149,10 +149,9 @@ impl Lines {
 
     /// `None`: too short.
     fn of(x: &[f64], rate_hz: f64) -> Option<Self> {
-        const LEAST_BINS: f64 = 8.0;
         let (n, middle) = (x.len(), mean(x));
         let bin_hz = rate_hz / n as f64;
-        if Self::NEAR_HZ < LEAST_BINS * bin_hz {
+        if Self::NEAR_HZ < (2 * Self::OWN + 2) as f64 * bin_hz {
             return None;
         }
         let window = |i: usize| 1.0 - (TAU * i as f64 / n as f64).cos();
@@ -190,9 +189,7 @@ impl Lines {
         let k = (frequency_hz / self.bin_hz).round() as usize;
         let reach = (Self::NEAR_HZ / self.bin_hz) as usize;
         let inside = k > reach && k + reach < self.sums.len();
-        (k - inside as usize..=k + 1)
-            .max_by(|a, b| self.rms(*a).total_cmp(&self.rms(*b)))
-            .filter(|_| inside)
+        (k - inside as usize..=k + 1).max_by(|a, b| self.rms(*a).total_cmp(&self.rms(*b))).filter(|_| inside)
     }
 
     /// True of the bins of a multiple of the mains.

@@ -73,18 +73,21 @@ fn least_change(x: &[f64]) -> f64 {
 /// The largest q among some percentiles of the changes and their halves of which 97 % of the changes below
 /// 30 q are multiples within 0.12, refined by least squares. Of a continuous column a quarter is, by chance.
 pub(super) fn step(x: &[f64]) -> f64 {
+    /// Of a step the scatter of its multiples, or else the changes of a steady speed have one.
+    const SCATTER: f64 = 0.01;
     let least = least_change(x);
-    let found = step_of(x.windows(2).map(|w| (w[1] - w[0]).abs()).filter(|d| *d > least).collect());
-    if found > 0.0 {
-        return found;
+    let mut found = steps_of(x.windows(2).map(|w| (w[1] - w[0]).abs()).filter(|d| *d > least).collect());
+    if found.iter().all(|[q, off]| *off > SCATTER * q) {
+        // A column that never changes slowly shows its step between values that are not neighbours in time.
+        let mut sorted = x.to_vec();
+        sorted.sort_unstable_by(f64::total_cmp);
+        found.extend(steps_of(sorted.windows(2).map(|w| w[1] - w[0]).filter(|d| *d > least).collect()));
     }
-    // A column that never changes slowly shows its step between values that are not neighbours in time.
-    let mut sorted = x.to_vec();
-    sorted.sort_unstable_by(f64::total_cmp);
-    step_of(sorted.windows(2).map(|w| w[1] - w[0]).filter(|d| *d > least).collect())
+    found.iter().find(|[q, off]| *off <= SCATTER * q).map_or(0.0, |f| f[0])
 }
 
-fn step_of(mut differences: Vec<f64>) -> f64 {
+/// Steps of which these differences are multiples, with the scatter of those, the largest first.
+fn steps_of(mut differences: Vec<f64>) -> Vec<[f64; 2]> {
     /// Of a column that hardly ever changes by little: places among the sorted changes.
     const SMALLEST: [usize; 3] = [0, 5, 20];
     const PERCENTILES: [f64; 4] = [0.02, 0.06, 0.12, 0.25];
@@ -100,6 +103,7 @@ fn step_of(mut differences: Vec<f64>) -> f64 {
     let smallest = SMALLEST.iter().filter_map(|k| differences.get(*k).copied());
     let mut candidates: Vec<f64> = of.into_iter().chain(smallest).flat_map(|q| [q, 0.5 * q]).collect();
     candidates.sort_unstable_by(|a, b| b.total_cmp(a));
+    let mut found = Vec::new();
     for q in candidates.into_iter().filter(|q| *q > 0.0) {
         let near: Vec<f64> = differences.iter().copied().filter(|d| *d < REACH * q).collect();
         let whole = |d: &f64| (d / q).round() >= 1.0 && (d / q - (d / q).round()).abs() < WITHIN;
@@ -108,14 +112,16 @@ fn step_of(mut differences: Vec<f64>) -> f64 {
             continue;
         }
         let (mut top, mut bottom) = (0.0, 0.0);
-        for d in multiples {
+        for d in &multiples {
             let n = (d / q).round();
             top += n * d;
             bottom += n * n;
         }
-        return top / bottom;
+        let q = top / bottom;
+        let off: f64 = multiples.iter().map(|d| (d - (d / q).round() * q).powi(2)).sum();
+        found.push([q, (off / multiples.len() as f64).sqrt()]);
     }
-    0.0
+    found
 }
 
 /// Significant digits of a column, if there are few of them and its step is not what limits them.
@@ -203,6 +209,16 @@ mod tests {
         let rounded: Vec<f64> = smooth.iter().map(|v| (v / 3e-4).round() * 3e-4).collect();
         assert_eq!(step(&smooth), 0.0);
         assert!((step(&rounded) / 3e-4 - 1.0).abs() < 1e-6, "{}", step(&rounded));
+    }
+
+    /// Of a steady speed nearly all changes are alike: they are no step.
+    #[test]
+    fn the_changes_of_a_steady_speed_are_no_step() {
+        let q = 2.4e-5;
+        // There and back.
+        let way = |k: i32| 6.5e-4 * f64::from(k.min(20_000 - k)) + 6e-5 * hash(k);
+        let x: Vec<f64> = (0..20_000).map(|k| (way(k) / q).round() * q).collect();
+        assert!((step(&x) / q - 1.0).abs() < 1e-6, "{}", step(&x));
     }
 
     #[test]

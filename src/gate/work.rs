@@ -169,7 +169,8 @@ impl<'a> Work<'a> {
         let place = |f: &Fault| self.recording.columns.iter().position(|c| c.name == f.column);
         // `t_s` is no column of the recording and comes first.
         self.faults.sort_by_key(|f| (place(f), f.kind));
-        Gated { recording: self.recording, usable: self.usable, averaged: self.averaged, faults: self.faults }
+        let Self { recording, usable, averaged, steps, faults, .. } = self;
+        Gated { recording, usable, averaged, steps, faults }
     }
 }
 

@@ -3,7 +3,7 @@
 
 use crate::folders::shared;
 use stillcut::diagnosis::{DiagnoseOptions, Diagnosis, diagnose_with};
-use stillcut::gate::{Action, Criteria, Fault, FaultKind, Gated, Logged, check};
+use stillcut::gate::{Action, Criteria, Fault, FaultKind, Gated, Logged, check, rounded_by_one};
 use stillcut::plant::drive::{DriveParams, RawDriveParams};
 use stillcut::plant::machine::{AxisModel, Machine};
 use stillcut::sample::{Column, Recording};
@@ -435,4 +435,125 @@ fn uneven_stamps_of_even_rows_move_no_value() {
     let gated = gate(&logged);
     assert!(gated.faults.iter().any(|f| f.kind == FaultKind::IrregularTime));
     assert_eq!(gated.recording.get(POSITION), sound.get(POSITION));
+}
+
+/// Two encoders of one axis, of 1 and 4 nm, and a current that follows the coarser one without noise: the gain
+/// of its controller on how far the encoder went in the row.
+fn followed() -> Logged {
+    let (mut current, mut motor, mut stage) = (Vec::new(), Vec::new(), Vec::new());
+    let mut before = 0.0;
+    for i in 0..20_000 {
+        let t = f64::from(i) / RATE_HZ;
+        // From rest to a steady speed, with a slow swing and a faster one.
+        let begun = (t - 1.0).max(0.0);
+        let x =
+            5e-4 * begun * (begun / 0.1).min(1.0) - 2e-5 * (4.0 * begun).cos() + 1e-8 * (211.0 * begun).sin();
+        let seen = ((x + 2e-8) / 4e-9).round() * 4e-9;
+        let rounded: f64 = seen - before;
+        before = seen;
+        current.push((1e5 * (0.02 + 1e-3 * (4.0 * t).sin() + 1e5 * (5e-7 - rounded))).round() * 1e-5);
+        motor.push(seen);
+        stage.push((x / 1e-9).round() * 1e-9);
+    }
+    let column = |name: &str, values| Column { name: name.into(), values };
+    Logged::even(Recording {
+        sample_rate: SampleRate::new(RATE_HZ).unwrap(),
+        experiment: "moves".into(),
+        axes: vec!["x".into()],
+        columns: vec![
+            column("x_current_ref_a", current),
+            column(POSITION, motor),
+            column("x_stage_position_m", stage),
+        ],
+        start_s: 0.0,
+        metadata: Vec::new(),
+    })
+}
+
+/// A controller repeats itself where its encoder goes on evenly, and kicks where it does not.
+#[test]
+fn a_current_that_follows_an_encoder_is_sound() {
+    let logged = followed();
+    let current = logged.recording.get("x_current_ref_a").unwrap();
+    let longest = current.chunk_by(|a, b| a == b).map(<[f64]>::len).max().unwrap();
+    assert!(longest > 2, "{longest}: it never repeats itself");
+    assert_eq!(named(&gate(&logged).faults), vec![]);
+    let mut spiked = followed();
+    values(&mut spiked, "x_current_ref_a")[7000] += 0.3;
+    assert_eq!(named(&gate(&spiked).faults), vec![("outlier", "x_current_ref_a")]);
+}
+
+/// A row is one of all columns: an encoder that alone seems to stand and to catch up has jitter.
+#[test]
+fn a_row_is_missing_in_both_encoders_or_not_at_all() {
+    let mut logged = followed();
+    let motor = values(&mut logged, POSITION);
+    for x in &mut motor[5000..] {
+        *x += 1e-6;
+    }
+    assert!(!named(&gate(&logged).faults).iter().any(|f| f.0 == "dropped"));
+    let mut logged = followed();
+    with_rows(&mut logged, |i| usize::from(i != 5000));
+    assert!(named(&gate(&logged).faults).contains(&("dropped", POSITION)), "{:?}", gate(&logged).faults);
+}
+
+/// The later of two positions is the one with which the drive fits worse; what a soft spring is late by is
+/// none of the clock's.
+#[test]
+fn a_late_position_is_moved_and_a_soft_spring_is_not() {
+    let shifted = |column: &str, delay_rows: usize| {
+        let mut logged = drive();
+        let x = logged.recording.get(POSITION).unwrap().to_vec();
+        let stage = Column { name: "x_stage_position_m".into(), values: x };
+        logged.recording.columns.push(stage);
+        let x = values(&mut logged, column);
+        x.rotate_right(delay_rows);
+        x[..delay_rows].fill(0.0);
+        logged
+    };
+    for column in [POSITION, "x_stage_position_m"] {
+        let gated = gate(&shifted(column, 5));
+        let told = gated.faults.iter().find(|f| f.kind == FaultKind::ClockOffset && f.column == column);
+        let told = told.unwrap_or_else(|| panic!("{:?}", gated.faults));
+        assert_eq!(told.action, Action::Correct);
+        assert!(told.statement.contains("5.0"), "{}", told.statement);
+    }
+    // A stage behind a spring and its damper: 25 Hz, 0.2 of the critical damping, thousand times a second.
+    let mut logged = shifted(POSITION, 0);
+    let x = logged.recording.get(POSITION).unwrap().to_vec();
+    let (mut at, mut speed, omega, dt) = (x[0], 0.0, 25.0 * std::f64::consts::TAU, 1.0 / RATE_HZ);
+    for (i, v) in values(&mut logged, "x_stage_position_m").iter_mut().enumerate() {
+        let driven = if i > 0 { (x[i] - x[i - 1]) / dt } else { 0.0 };
+        speed += dt * (omega * omega * (x[i] - at) + 0.4 * omega * (driven - speed));
+        at += dt * speed;
+        *v = (at / STEP_M).round() * STEP_M;
+    }
+    assert!(!named(&gate(&logged).faults).iter().any(|f| f.0 == "clock_offset"));
+}
+
+/// A line of the mains stands alone; of the lines of an excitation one lies there by chance.
+#[test]
+fn a_line_among_equals_is_no_line_of_the_mains() {
+    let with = |lines: &[f64]| {
+        let mut logged = drive();
+        for (i, u) in values(&mut logged, THRUST).iter_mut().enumerate() {
+            let t = i as f64 / RATE_HZ;
+            *u += lines.iter().map(|f| 3.0 * (std::f64::consts::TAU * f * t).sin()).sum::<f64>();
+        }
+        named(&gate(&logged).faults).contains(&("mains_line", THRUST))
+    };
+    assert!(with(&[50.0]));
+    assert!(!with(&[43.0, 50.0, 57.01, 64.02]));
+}
+
+/// An encoder has one step; a coarser one in one recording is that of its logger.
+#[test]
+fn a_step_that_one_recording_has_is_its_loggers() {
+    let mut all = [drive(), drive()];
+    values(&mut all[1], POSITION).iter_mut().for_each(|x| *x = (*x / 1e-6).round() * 1e-6);
+    let mut gated: Vec<Gated> = all.iter().map(gate).collect();
+    assert!(gated.iter().all(|g| g.faults.is_empty()));
+    rounded_by_one(&mut gated, &["x".to_owned()]);
+    assert_eq!(named(&gated[0].faults), vec![]);
+    assert_eq!(named(&gated[1].faults), vec![("rounded", POSITION)]);
 }
