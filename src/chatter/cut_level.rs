@@ -36,6 +36,8 @@ pub(super) enum Change {
     Rises,
     /// It is back where it was before, or begins to fall where friction hides where that is.
     Falls,
+    /// The same for a third of a second: chatter that throws the tool out of the cut does not last so long.
+    Gone,
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -180,8 +182,12 @@ impl CutLevel {
                 // Chatter that loses contact swings by all of the force, but not for a whole turn.
                 let turn_n = state.mean_of_last_n(back);
                 let rest_n = SHARE * (state.cut_n - state.air_n).abs();
-                let left = state.risen > back && (turn_n - state.air_n).abs() < rest_n;
-                if left { Change::Falls } else { Change::None }
+                let left = |looks: usize, n: f64| state.risen > looks && (n - state.air_n).abs() < rest_n;
+                match (left(back, turn_n), left(LOOKS, mean_n)) {
+                    (true, true) => Change::Gone,
+                    (true, false) => Change::Falls,
+                    _ => Change::None,
+                }
             }
             (MeanForce::Whole, true) if changes => {
                 (state.air_n, state.cut_n, state.risen) = (before, state.level_n, 1);
@@ -230,6 +236,26 @@ mod tests {
         assert!((drifts_n - 10.0).abs() < 0.2, "{drifts_n}");
         let enters_n = reached_n(&|t| 6.0 + if t > 2.0 { 20.0 } else { 0.0 });
         assert!((enters_n - 20.0).abs() < 0.1, "{enters_n}");
+    }
+
+    /// An exit is told within its turn and goes on being told; a loss of contact for a turn ends nothing.
+    #[test]
+    fn tools_are_gone_after_a_third_of_a_second_without_force() {
+        let level = CutLevel::new(SampleRate::new(9000.0).unwrap(), MeanForce::Whole);
+        let told = |without_s: f64| {
+            let (mut state, mut cuts) = (level.start(), false);
+            let outside = |t: f64| t < 1.0 || (2.0..2.0 + without_s).contains(&t);
+            let mut step = |n: i32| {
+                let t = f64::from(n) / 9000.0;
+                let force_n = (t * 600.0).sin() + if outside(t) { 0.0 } else { 80.0 };
+                let change = level.step(&mut state, force_n, 20.0, cuts);
+                cuts |= change == Change::Rises;
+                change
+            };
+            (0..27000).map(&mut step).filter(|c| *c == Change::Gone).count()
+        };
+        assert_eq!(told(0.1), 0);
+        assert!(told(0.5) > 0);
     }
 
     #[test]

@@ -10,10 +10,11 @@ pub(super) struct Decision {
     pub(super) since_s: f64,
     usual: [f64; 4],
     silent_s: f64,
+    usual_n2: f64,
     peak_n2: f64,
 }
 
-keep!(Decision { alarm, since_s, usual, silent_s, peak_n2 });
+keep!(Decision { alarm, since_s, usual, silent_s, usual_n2, peak_n2 });
 
 /// What a step brought.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -23,18 +24,27 @@ pub(super) enum Turn {
 }
 
 impl Decision {
-    /// Takes the evidence of each window; `period_s` since the last time.
+    /// Whether a line of this power elsewhere is not the alarm's: chatter that jumps to another lobe is as
+    /// loud there, what stands in a stable cut is not.
+    pub(super) fn is_fainter(&self, power_n2: f64) -> bool {
+        power_n2 * CRITERIA.louder < self.usual_n2
+    }
+
+    /// Takes the evidence of each window, the power of the line and whether it is another than that of the
+    /// alarm, see [`Self::is_fainter`]; `period_s` since the last time.
     pub(super) fn step(
         &mut self,
         t_s: f64,
-        (evidence, power_n2): ([f64; 4], f64),
+        evidence: [f64; 4],
+        (power_n2, another): (f64, bool),
         period_s: f64,
     ) -> Option<Turn> {
         if !self.alarm {
             if evidence.into_iter().fold(0.0, f64::max) < 1.0 {
                 return None;
             }
-            *self = Self { alarm: true, since_s: t_s, usual: evidence, silent_s: 0.0, peak_n2: power_n2 };
+            let (usual_n2, peak_n2) = (power_n2, power_n2);
+            *self = Self { alarm: true, since_s: t_s, usual: evidence, silent_s: 0.0, usual_n2, peak_n2 };
             return Some(Turn::Begins);
         }
         self.peak_n2 = power_n2.max(self.peak_n2);
@@ -45,7 +55,10 @@ impl Decision {
         // The shortest window that usually hears the line says when it has gone; else the clearest.
         let ruling = self.usual.iter().position(|u| *u > CRITERIA.usual);
         let now = ruling.map_or_else(|| evidence.into_iter().fold(0.0, f64::max), |w| evidence[w]);
-        self.silent_s = if now < CRITERIA.hold || power_n2 < 0.003 * self.peak_n2 {
+        if !another {
+            self.usual_n2 *= (power_n2 / self.usual_n2).max(f64::MIN_POSITIVE).powf(share);
+        }
+        self.silent_s = if now < CRITERIA.hold || another || power_n2 < 0.003 * self.peak_n2 {
             self.silent_s + period_s
         } else {
             0.0
@@ -55,5 +68,27 @@ impl Decision {
             return Some(Turn::Ends);
         }
         None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// When the alarm ends that a line of 10 N^2 raised which gives way after a second to one of `power_n2`.
+    fn ends_s(power_n2: f64) -> Option<f64> {
+        let (mut decision, period_s) = (Decision::default(), 0.002);
+        (0..2000).map(|k| period_s * f64::from(k)).find(|t_s| {
+            let gone = *t_s > 1.0;
+            let power_n2 = if gone { power_n2 } else { 10.0 };
+            let another = gone && decision.is_fainter(power_n2);
+            decision.step(*t_s, [2.0; 4], (power_n2, another), period_s) == Some(Turn::Ends)
+        })
+    }
+
+    #[test]
+    fn a_fainter_line_elsewhere_keeps_no_alarm_and_one_as_loud_does() {
+        assert!((ends_s(1.0).unwrap() - 1.0 - CRITERIA.end_s).abs() < 0.01);
+        assert_eq!(ends_s(6.0), None);
     }
 }

@@ -73,6 +73,8 @@ pub struct ChatterState {
     /// Of the band.
     values: u64,
     hop: Hop,
+    /// Whether the line that is heard in an alarm is another one.
+    another: bool,
     outliers: OutlierFilter,
     level: CutLevelState,
     sub_bands: Vec<SubBandState>,
@@ -92,6 +94,7 @@ keep!(ChatterState {
     samples,
     values,
     hop,
+    another,
     outliers,
     level,
     sub_bands,
@@ -155,6 +158,7 @@ impl ChatterMonitor {
             samples: 0,
             values: 0,
             hop: Hop::default(),
+            another: false,
             outliers: OutlierFilter::default(),
             level: self.level.start(),
             sub_bands: self.sub_bands.iter().map(SubBand::start).collect(),
@@ -260,6 +264,8 @@ impl ChatterMonitor {
             {
                 true
             }
+            // Without a tool there is no chatter.
+            Change::Gone => false,
             Change::Falls if !state.decision.alarm => false,
             _ => return,
         };
@@ -268,7 +274,11 @@ impl ChatterMonitor {
             sub_band.begin(s, Some(place));
         }
         state.lambda = 0.0;
-        state.latest.event = Some(ChatterEvent::CutChanged);
+        let ended = state.decision.alarm && !place;
+        if ended {
+            state.decision = Decision::default();
+        }
+        state.latest.event = Some(if ended { ChatterEvent::End } else { ChatterEvent::CutChanged });
     }
 
     fn follow_speed(&self, state: &mut ChatterState) {
@@ -341,7 +351,8 @@ impl ChatterMonitor {
         state.lambda = best.evidence;
         let t_s = self.now_s(state);
         let period_s = 1.0 / self.sub_bands[0].rate_hz();
-        let turn = state.decision.step(t_s, (evidence, state.latest.power_n2), period_s);
+        let heard = (state.latest.power_n2, state.another);
+        let turn = state.decision.step(t_s, evidence, heard, period_s);
         self.report(state, &best);
         match turn {
             Some(Turn::Begins) => {
@@ -393,17 +404,40 @@ impl ChatterMonitor {
     /// The strongest line now: near what stands out, or of all the band where nothing does.
     fn follow_line(&self, state: &mut ChatterState, near_hz: Option<f64>) {
         let rate_hz = self.sub_bands[0].rate_hz();
+        let alarm = state.decision.alarm;
         let age_s = self.now_s(state) - state.decision.since_s;
         // A longer window places a line better, once it has filled.
         let [_, short, long, _] = WINDOWS;
-        let n = if state.decision.alarm && age_s * rate_hz > long as f64 { long } else { short };
-        let [a, b] = state.watched_hz;
-        let among =
-            near_hz.map_or([a - SAME_LINE_HZ, b + SAME_LINE_HZ], |hz| [hz - SAME_LINE_HZ, hz + SAME_LINE_HZ]);
+        let n = if alarm && age_s * rate_hz > long as f64 { long } else { short };
+        let about = |[a, b]: [f64; 2]| [a - SAME_LINE_HZ, b + SAME_LINE_HZ];
+        let all_hz = about(state.watched_hz);
+        let among_hz = near_hz.map_or(all_hz, |hz| about([hz, hz]));
+        let Some((hz, line)) = self.strongest(state, n, among_hz) else { return };
+        // A window heard what was half its length ago.
+        let late_s = self.sub_bands[0].delay_s() + 0.5 * n as f64 / rate_hz;
+        let now_hz = hz * (1.0 + self.speed_change_1_s(state) * late_s);
+        state.latest.power_n2 = line.power_n2;
+        (state.latest.frequency_hz, state.latest.growth_1_s) = (Some(now_hz), Some(line.growth_1_s));
+        // Chatter may stand on several lobes, and another than its loudest be the clearest.
+        let fainter = |line: Strongest| state.decision.is_fainter(line.power_n2);
+        state.another = alarm
+            && fainter(line)
+            && state.hop.leaves(now_hz)
+            && self.strongest(state, n, all_hz).is_none_or(|(_, loudest)| fainter(loudest));
+        if state.another {
+            return;
+        }
+        let hop = state.hop.look(alarm.then_some(now_hz));
+        let hop = hop.map(|(from_hz, to_hz)| ChatterEvent::Hop { from_hz, to_hz });
+        state.latest.event = state.latest.event.or(hop);
+    }
+
+    /// The strongest line of the last `n` values, a window's length, within `among_hz`, and its place, Hz.
+    fn strongest(&self, state: &ChatterState, n: usize, among_hz: [f64; 2]) -> Option<(f64, Strongest)> {
         let mut found: Option<(f64, Strongest)> = None;
         for ((sub_band, s), [low, high]) in self.sub_bands.iter().zip(&state.sub_bands).zip(&self.parts_hz) {
             let centre_hz = sub_band.centre_hz();
-            let band_hz = [low.max(among[0]) - centre_hz, high.min(among[1]) - centre_hz];
+            let band_hz = [low.max(among_hz[0]) - centre_hz, high.min(among_hz[1]) - centre_hz];
             if band_hz[1] <= band_hz[0] {
                 continue;
             }
@@ -412,14 +446,6 @@ impl ChatterMonitor {
                 found = Some((centre_hz + now.offset_hz, now));
             }
         }
-        let Some((hz, Strongest { power_n2, growth_1_s, .. })) = found else { return };
-        // A window heard what was half its length ago.
-        let late_s = self.sub_bands[0].delay_s() + 0.5 * n as f64 / rate_hz;
-        let now_hz = hz * (1.0 + self.speed_change_1_s(state) * late_s);
-        state.latest.power_n2 = power_n2;
-        (state.latest.frequency_hz, state.latest.growth_1_s) = (Some(now_hz), Some(growth_1_s));
-        let hop = state.hop.look(state.decision.alarm.then_some(now_hz));
-        let hop = hop.map(|(from_hz, to_hz)| ChatterEvent::Hop { from_hz, to_hz });
-        state.latest.event = state.latest.event.or(hop);
+        found
     }
 }

@@ -356,7 +356,7 @@ impl SubBand {
     /// What is heard from now on is something else: nothing of before counts.
     pub(super) fn begin(&self, state: &mut SubBandState, in_cut: Option<bool>) {
         state.since_change = 0;
-        if in_cut != Some(false) {
+        if in_cut == Some(true) {
             state.seen = 0;
         }
         state.detections = [Detection::default(); WINDOWS.len()];

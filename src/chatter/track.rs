@@ -33,6 +33,11 @@ pub(super) struct Hop {
 keep!(Hop { track, away });
 
 impl Hop {
+    /// Whether this is not the line that is followed.
+    pub(super) fn leaves(&self, now_hz: f64) -> bool {
+        self.track.line_hz.is_some_and(|line_hz| (now_hz - line_hz).abs() >= SAME_LINE_HZ)
+    }
+
     /// Takes the line of declared chatter, or none; answers a jump, from where to where.
     pub(super) fn look(&mut self, line_hz: Option<f64>) -> Option<(f64, f64)> {
         if self.track.follow(line_hz) {
