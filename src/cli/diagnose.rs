@@ -48,9 +48,11 @@ fn run_drive(arguments: &Arguments, model: &Path) -> anyhow::Result<()> {
     let diagnosis = with_progress(arguments.progress, work).map_err(|error| {
         let concerned = paths.iter().zip(&recordings).filter(|(_, r)| error.concerns(&r.experiment));
         let concerned: Vec<String> = concerned.map(|(path, _)| path.display().to_string()).collect();
-        // What was masked is why too little is left.
-        if let DiagnoseError::TooShort { .. } = error
-            && let Some(at) = faults.iter().find(|f| f.fault.action == Action::Mask)
+        // What was masked is why too little is left, where all of it would be enough.
+        let masks = faults.iter().filter(|f| f.fault.action == Action::Mask);
+        if let DiagnoseError::TooShort { needed, .. } = error
+            && recordings.iter().any(|r| r.len() >= needed)
+            && let Some(at) = masks.max_by(|a, b| a.fault.share.total_cmp(&b.fault.share))
         {
             let (file, Fault { column, kind, statement, .. }) = (&at.recording, &at.fault);
             let (kind, why) = (kind.name(), statement.trim_end_matches('.'));

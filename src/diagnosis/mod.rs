@@ -116,7 +116,10 @@ pub enum DiagnoseError {
         hint: &'static str,
     },
     /// Too short for the filters.
-    #[error("recording {recording}: {samples} samples, at least {needed} are needed")]
+    #[error(
+        "recording {recording}: {samples} samples, at least {needed} are needed: its rate, its spring and \
+         the noise of its positions leave a band of {below_hz:.3} Hz, and such a band needs more time"
+    )]
     TooShort {
         /// Experiment of the recording.
         recording: String,
@@ -124,6 +127,8 @@ pub enum DiagnoseError {
         samples: usize,
         /// Samples needed.
         needed: usize,
+        /// Band in which a balance is struck.
+        below_hz: f64,
     },
 }
 

@@ -119,3 +119,12 @@ fn rows_that_were_not_measured_are_blank() {
     assert!(most_n < 2.0, "{most_n} N beside 0.3 N of noise");
     assert!((0.08..0.16).contains(&blank_s), "{blank_s} s: the stretch, and the reach of the low-pass");
 }
+
+#[test]
+fn a_log_that_is_too_short_is_refused_with_the_band_that_asks_for_more() {
+    let mut recording = log(1);
+    recording.columns.iter_mut().for_each(|c| c.values.truncate(300));
+    let machine = machine_from_text(Path::new("machine.toml"), MODEL).unwrap();
+    let told = diagnose(&machine, &[recording], &|_, _| {}).unwrap_err().to_string();
+    assert!(told.contains("300 samples, at least ") && told.contains(" leave a band of "), "{told}");
+}

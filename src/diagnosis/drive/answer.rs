@@ -42,19 +42,50 @@ pub(super) fn is_other_than_zero(law: &Accepted, deviations: &[f64]) -> bool {
     law.hypothesis.has_dose() || law.amplitudes.iter().zip(deviations).take(count).any(sized)
 }
 
+/// Root mean square on parts that nothing was fitted to, N; `without`: one law's coefficients taken out.
+fn heldout_n(balance: &Balance, state: &State, without_law: Option<usize>) -> f64 {
+    let base = &state.base;
+    let mut design = base.design.clone();
+    let mut start = base.fit.beta.clone();
+    if let Some(k) = without_law {
+        let first: usize =
+            base.numbers.len() + state.accepted[..k].iter().map(Accepted::coefficients).sum::<usize>();
+        let n = state.accepted[k].coefficients();
+        let kept: Vec<usize> = (0..start.len()).filter(|k| !(first..first + n).contains(k)).collect();
+        design = design.kept(&kept);
+        start = kept.iter().map(|k| start[*k]).collect();
+    }
+    let mut sum = 0.0;
+    let foretold = balance.foretold(&base.gram, &design, &start);
+    for (part, beta) in (0..FOLDS).map(Part::Fold).zip(foretold) {
+        for band in base.gram.sum(&balance.plan, part) {
+            let s = design.spread(&band, &beta);
+            sum += (s[0] + s[2]) * band.values;
+        }
+    }
+    (sum / balance.plan.measured().max(1.0)).sqrt()
+}
+
+/// True where a law foretells what was held out worse than nothing does: each part has been told by itself.
+fn foretells_nothing(balance: &Balance, state: &State, law: usize) -> bool {
+    let [with_n, without_n] = [None, Some(law)].map(|without| heldout_n(balance, state, without));
+    with_n > (1.0 + Criteria::STANDARD.repeatability) * without_n
+}
+
 /// Drops laws that the recordings do not determine; what is left is built anew. Of two that stand for one
 /// another neither is determined: the one goes that the other does without at the least loss.
 pub(super) fn determined(balance: &Balance, mut state: State) -> (State, Doubt, Rest) {
     loop {
         let left = rest(balance, &state);
         let doubt = doubt(balance, &state, &left);
-        let is_vague = |(a, d): (&Accepted, &Deviations)| {
+        let is_vague = |(k, (a, d)): &(usize, (&Accepted, &Deviations))| {
             let vague = d.constants.iter().any(|c| *c > Criteria::STANDARD.undetermined)
                 || !is_other_than_zero(a, &d.amplitudes);
-            a.given.is_none() && (vague && !a.hypothesis.facts().trades || a.hypothesis.is_at_bound())
+            let vague = vague && !a.hypothesis.facts().trades || a.hypothesis.is_at_bound();
+            a.given.is_none() && (vague || foretells_nothing(balance, &state, *k))
         };
         let pairs = state.accepted.iter().zip(&doubt.laws).enumerate();
-        let without = pairs.filter(|(_, pair)| is_vague(*pair)).map(|(k, _)| {
+        let without = pairs.filter(is_vague).map(|(k, _)| {
             let mut others = state.clone();
             others.accepted.remove(k);
             others.rebuilt(balance)
@@ -166,28 +197,9 @@ impl Case<'_> {
         [left, thrust].map(|power| (power / self.samples()).sqrt())
     }
 
-    /// Root mean square on parts that nothing was fitted to, N; `without`: one law's coefficients taken out.
+    /// See [`heldout_n`].
     pub(super) fn heldout_n(&self, state: &State, without_law: Option<usize>) -> f64 {
-        let base = &state.base;
-        let mut design = base.design.clone();
-        let mut start = base.fit.beta.clone();
-        if let Some(k) = without_law {
-            let first: usize =
-                base.numbers.len() + state.accepted[..k].iter().map(Accepted::coefficients).sum::<usize>();
-            let n = state.accepted[k].coefficients();
-            let kept: Vec<usize> = (0..start.len()).filter(|k| !(first..first + n).contains(k)).collect();
-            design = design.kept(&kept);
-            start = kept.iter().map(|k| start[*k]).collect();
-        }
-        let mut sum = 0.0;
-        let foretold = self.balance.foretold(&base.gram, &design, &start);
-        for (part, beta) in (0..FOLDS).map(Part::Fold).zip(foretold) {
-            for band in base.gram.sum(&self.balance.plan, part) {
-                let s = design.spread(&band, &beta);
-                sum += (s[0] + s[2]) * band.values;
-            }
-        }
-        (sum / self.samples()).sqrt()
+        heldout_n(self.balance, state, without_law)
     }
 
     fn samples(&self) -> f64 {

@@ -89,7 +89,8 @@ fn balance_of(
         let recording = first.experiment.clone();
         let samples = balance.plan.measured() as usize * balance.signals.step;
         let needed = spectra::SHORTEST_BLOCK * balance.signals.step;
-        return Err(DiagnoseError::TooShort { recording, samples, needed });
+        let below_hz = balance.signals.top_hz();
+        return Err(DiagnoseError::TooShort { recording, samples, needed, below_hz });
     }
     Ok(balance)
 }

@@ -241,7 +241,8 @@ impl Signals {
         // Two half-overlapping blocks.
         let needed = 2 * thin_first + 3 * SHORTEST_BLOCK / 2 * self.step;
         if samples < needed {
-            return Err(DiagnoseError::TooShort { recording: recording.experiment.clone(), samples, needed });
+            let (recording, below_hz) = (recording.experiment.clone(), self.top_hz());
+            return Err(DiagnoseError::TooShort { recording, samples, needed, below_hz });
         }
         let full = Grid { first: full_first, step: 1, count: samples - 2 * full_first };
         let inside = samples - 2 * thin_first;
