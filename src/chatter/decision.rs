@@ -56,7 +56,8 @@ impl Decision {
         let ruling = self.usual.iter().position(|u| *u > CRITERIA.usual);
         let now = ruling.map_or_else(|| evidence.into_iter().fold(0.0, f64::max), |w| evidence[w]);
         if !another {
-            self.usual_n2 *= (power_n2 / self.usual_n2).max(f64::MIN_POSITIVE).powf(share);
+            let ratio = power_n2 / self.usual_n2.max(f64::MIN_POSITIVE);
+            self.usual_n2 = self.usual_n2.max(f64::MIN_POSITIVE) * ratio.max(f64::MIN_POSITIVE).powf(share);
         }
         self.silent_s = if now < CRITERIA.hold || another || power_n2 < 0.003 * self.peak_n2 {
             self.silent_s + period_s

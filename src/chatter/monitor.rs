@@ -264,9 +264,12 @@ impl ChatterMonitor {
             {
                 true
             }
-            // Without a tool there is no chatter.
-            Change::Gone => false,
-            Change::Falls if !state.decision.alarm => false,
+            // Without a tool there is no chatter: it ends, and at the next look the cut does.
+            Change::Gone if state.decision.alarm => {
+                state.decision = Decision::default();
+                return self.end(state);
+            }
+            Change::Falls | Change::Gone if !state.decision.alarm => false,
             _ => return,
         };
         state.cuts = place;
@@ -274,11 +277,16 @@ impl ChatterMonitor {
             sub_band.begin(s, Some(place));
         }
         state.lambda = 0.0;
-        let ended = state.decision.alarm && !place;
-        if ended {
-            state.decision = Decision::default();
+        state.latest.event = Some(ChatterEvent::CutChanged);
+    }
+
+    /// An alarm ended.
+    fn end(&self, state: &mut ChatterState) {
+        for (sub_band, s) in self.sub_bands.iter().zip(&mut state.sub_bands) {
+            sub_band.begin(s, None);
         }
-        state.latest.event = Some(if ended { ChatterEvent::End } else { ChatterEvent::CutChanged });
+        state.lambda = 0.0;
+        state.latest.event = Some(ChatterEvent::End);
     }
 
     fn follow_speed(&self, state: &mut ChatterState) {
@@ -366,12 +374,7 @@ impl ChatterMonitor {
                     contrast,
                 }));
             }
-            Some(Turn::Ends) => {
-                for (sub_band, s) in self.sub_bands.iter().zip(&mut state.sub_bands) {
-                    sub_band.begin(s, None);
-                }
-                state.latest.event = Some(ChatterEvent::End);
-            }
+            Some(Turn::Ends) => self.end(state),
             None => {}
         }
     }
@@ -412,6 +415,7 @@ impl ChatterMonitor {
         let about = |[a, b]: [f64; 2]| [a - SAME_LINE_HZ, b + SAME_LINE_HZ];
         let all_hz = about(state.watched_hz);
         let among_hz = near_hz.map_or(all_hz, |hz| about([hz, hz]));
+        state.another = false;
         let Some((hz, line)) = self.strongest(state, n, among_hz) else { return };
         // A window heard what was half its length ago.
         let late_s = self.sub_bands[0].delay_s() + 0.5 * n as f64 / rate_hz;

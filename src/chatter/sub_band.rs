@@ -41,7 +41,8 @@ pub(super) struct SubBandState {
     /// Values since the start, and since what is heard began anew.
     count: u64,
     since_change: usize,
-    /// The same, where tools that leave begin nothing: what stands on was there before.
+    /// The same, where tools that leave and an alarm that ends begin nothing: what stands on was there
+    /// before.
     seen: usize,
     detections: [Detection; WINDOWS.len()],
     /// Of the last half second, N^2.
@@ -353,7 +354,8 @@ impl SubBand {
         &state.detections
     }
 
-    /// What is heard from now on is something else: nothing of before counts.
+    /// What is heard from now on is something else: nothing of before counts but, unless tools enter, how a
+    /// line began.
     pub(super) fn begin(&self, state: &mut SubBandState, in_cut: Option<bool>) {
         state.since_change = 0;
         if in_cut == Some(true) {

@@ -49,9 +49,13 @@ fn run_drive(arguments: &Arguments, model: &Path) -> anyhow::Result<()> {
         let concerned = paths.iter().zip(&recordings).filter(|(_, r)| error.concerns(&r.experiment));
         let concerned: Vec<String> = concerned.map(|(path, _)| path.display().to_string()).collect();
         // What was masked is why too little is left, where all of it would be enough.
-        let masks = faults.iter().filter(|f| f.fault.action == Action::Mask);
+        let of = |f: &&FaultOf| {
+            let recording = files.iter().zip(&recordings).find(|(file, _)| **file == f.recording);
+            recording.is_some_and(|(_, r)| error.concerns(&r.experiment))
+        };
+        let masks = faults.iter().filter(|f| f.fault.action == Action::Mask).filter(of);
         if let DiagnoseError::TooShort { needed, .. } = error
-            && recordings.iter().any(|r| r.len() >= needed)
+            && recordings.iter().any(|r| error.concerns(&r.experiment) && r.len() >= needed)
             && let Some(at) = masks.max_by(|a, b| a.fault.share.total_cmp(&b.fault.share))
         {
             let (file, Fault { column, kind, statement, .. }) = (&at.recording, &at.fault);

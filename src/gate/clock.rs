@@ -123,7 +123,8 @@ fn position_offset(work: &mut Work<'_>, axis: &AxisColumns) {
         let Powers { all, left, .. } = balance.powers(0);
         Some(left / all)
     };
-    let first_is_off = unexplained(first) > unexplained(second);
+    let both = unexplained(first).zip(unexplained(second));
+    let first_is_off = both.is_some_and(|(first, second)| first > second);
     let (column, other, rows) = if first_is_off { (first, second, -rows) } else { (second, first, rows) };
     let name = work.name(column);
     let statement = format!(

@@ -1,4 +1,4 @@
-//! Single rows far from their neighbours.
+//! Single rows far from their neighbours, of which the other columns tell nothing.
 
 use super::columns::{AxisColumns, Role};
 use super::fault::{Action, FaultKind};
@@ -70,14 +70,16 @@ impl Deviation {
         let scales: Vec<f64> = told.column_iter().map(|c| c.norm().max(f64::MIN_POSITIVE)).collect();
         told.column_iter_mut().zip(&scales).for_each(|(mut c, s)| c /= *s);
         let values = DVector::from_iterator(places.len(), places.iter().map(|i| x[*i] - middle));
-        let by = told.clone().svd(true, true).solve(&values, 1e-9).ok()?;
+        // Columns of one length: what depends on others is held by next to nothing.
+        let normal = told.tr_mul(&told) + DMatrix::identity(columns, columns) * 1e-9;
+        let by = normal.cholesky()?.solve(&told.tr_mul(&values));
         let left: Vec<f64> = (values - told * &by).iter().map(|l| l.abs()).collect();
         let own: f64 = (0..columns).map(|c| by[c] * told_by(rows.start, c) / scales[c]).sum();
         Some([(x[rows.start] - middle - own).abs(), NORMAL * median(&left)])
     }
 }
 
-/// Masks single rows far off in one column alone, and bridges them.
+/// Masks single rows that are far off what their neighbours and the other columns tell, and bridges them.
 pub(super) fn outliers(work: &mut Work<'_>, axis: &AxisColumns) {
     let c = *work.criteria;
     // A tooth that enters makes a force of a row or two: sensors of force are left out.
@@ -100,10 +102,11 @@ pub(super) fn outliers(work: &mut Work<'_>, axis: &AxisColumns) {
         rows.retain(|r| {
             let inside = r.start >= 1 && r.end < x.len() && r.len() <= LONGEST;
             let size = r.clone().map(|i| d.from_median[i].abs()).fold(0.0, f64::max);
-            inside
-                && (x[r.end] - x[r.start - 1]).abs() < c.outlier_neighbours * size
-                && d.untold((x, &others), r, c.neighbours)
-                    .is_none_or(|[own, usual]| own > least.max(c.outlier_scales * usual))
+            inside && (x[r.end] - x[r.start - 1]).abs() < c.outlier_neighbours * size
+        });
+        rows.retain(|r| {
+            let untold = d.untold((x, &others), r, c.neighbours);
+            untold.is_none_or(|[own, usual]| own > least.max(c.outlier_scales * usual))
         });
         let count: usize = rows.iter().map(Range::len).sum();
         if count > 0 && count as f64 <= c.outlier_rows * x.len() as f64 {

@@ -75,12 +75,13 @@ pub(super) fn rounded(work: &mut Work<'_>, axis: &AxisColumns) {
     }
 }
 
-/// Tells positions whose step is a multiple of the one that another recording of the machine has: an encoder
-/// has one, and the rest is the logger's.
+/// Tells positions whose step is twice the one that another recording of the machine has, or more: an encoder
+/// has one, and the rest is the logger's. Recordings that are refused or averaged have another.
 pub fn rounded_by_one(recordings: &mut [Gated], axes: &[String]) {
     let mut finest: BTreeMap<String, f64> = BTreeMap::new();
     let mut found: Vec<(usize, String, f64)> = Vec::new();
-    for (k, Gated { recording, steps, .. }) in recordings.iter().enumerate() {
+    let whole = |g: &Gated| g.refusal().is_none() && g.averaged[1] == 1;
+    for (k, Gated { recording, steps, .. }) in recordings.iter().enumerate().filter(|(_, g)| whole(g)) {
         for column in axes.iter().flat_map(|axis| AxisColumns::of(recording, axis).columns) {
             let (name, step) = (&recording.columns[column.index].name, steps[column.index]);
             if column.role == Role::Position && step > 0.0 {
@@ -95,6 +96,8 @@ pub fn rounded_by_one(recordings: &mut [Gated], axes: &[String]) {
         if (step / finest).round() < 2.0 || told {
             continue;
         }
+        let names: Vec<&str> = recordings[k].recording.columns.iter().map(|c| c.name.as_str()).collect();
+        let place = |f: &Fault| names.iter().position(|n| *n == f.column);
         let statement =
             format!("{column} has a step of {step:.3e}, and of {finest:.3e} in another recording.");
         faults.push(Fault {
@@ -105,6 +108,7 @@ pub fn rounded_by_one(recordings: &mut [Gated], axes: &[String]) {
             action: Action::Tell,
             statement,
         });
+        faults.sort_by_key(|f| (place(f), f.kind));
     }
 }
 

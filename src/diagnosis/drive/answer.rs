@@ -67,9 +67,9 @@ fn heldout_n(balance: &Balance, state: &State, without_law: Option<usize>) -> f6
 }
 
 /// True where a law foretells what was held out worse than nothing does: each part has been told by itself.
-fn foretells_nothing(balance: &Balance, state: &State, law: usize) -> bool {
-    let [with_n, without_n] = [None, Some(law)].map(|without| heldout_n(balance, state, without));
-    with_n > (1.0 + Criteria::STANDARD.repeatability) * without_n
+fn foretells_nothing(balance: &Balance, state: &State, (law, with_n): (usize, f64)) -> bool {
+    // A law that is made of numbers leaves nothing else without its column.
+    with_n > (1.0 + Criteria::STANDARD.exactness) * heldout_n(balance, state, Some(law))
 }
 
 /// Drops laws that the recordings do not determine; what is left is built anew. Of two that stand for one
@@ -78,11 +78,12 @@ pub(super) fn determined(balance: &Balance, mut state: State) -> (State, Doubt, 
     loop {
         let left = rest(balance, &state);
         let doubt = doubt(balance, &state, &left);
+        let heldout_n = heldout_n(balance, &state, None);
         let is_vague = |(k, (a, d)): &(usize, (&Accepted, &Deviations))| {
             let vague = d.constants.iter().any(|c| *c > Criteria::STANDARD.undetermined)
                 || !is_other_than_zero(a, &d.amplitudes);
             let vague = vague && !a.hypothesis.facts().trades || a.hypothesis.is_at_bound();
-            a.given.is_none() && (vague || foretells_nothing(balance, &state, *k))
+            a.given.is_none() && (vague || foretells_nothing(balance, &state, (*k, heldout_n)))
         };
         let pairs = state.accepted.iter().zip(&doubt.laws).enumerate();
         let without = pairs.filter(is_vague).map(|(k, _)| {
