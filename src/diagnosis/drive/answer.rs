@@ -68,8 +68,9 @@ fn heldout_n(balance: &Balance, state: &State, without_law: Option<usize>) -> f6
 
 /// True where a law foretells what was held out worse than nothing does: each part has been told by itself.
 fn foretells_nothing(balance: &Balance, state: &State, (law, with_n): (usize, f64)) -> bool {
-    // A law that is made of numbers leaves nothing else without its column.
-    with_n > (1.0 + Criteria::STANDARD.exactness) * heldout_n(balance, state, Some(law))
+    // Without its column a law that is made of numbers is in the numbers.
+    !state.accepted[law].moves_with_numbers()
+        && with_n > (1.0 + Criteria::STANDARD.exactness) * heldout_n(balance, state, Some(law))
 }
 
 /// Drops laws that the recordings do not determine; what is left is built anew. Of two that stand for one
