@@ -22,7 +22,7 @@ pub(super) fn offsets(work: &mut Work<'_>, axis: &AxisColumns) {
     let drives: Vec<usize> = axis.with(Role::Drive).filter(|i| !work.silent[*i]).collect();
     for drive in drives {
         if let Some(rows) = drive_offset(work, axis, drive) {
-            move_by(work, drive, rows);
+            put_right(work, drive, rows, "the motion it makes");
         }
     }
 }
@@ -126,12 +126,17 @@ fn position_offset(work: &mut Work<'_>, axis: &AxisColumns) {
     let both = unexplained(first).zip(unexplained(second));
     let first_is_off = both.is_some_and(|(first, second)| first > second);
     let (column, other, rows) = if first_is_off { (first, second, -rows) } else { (second, first, rows) };
+    let other = work.name(other);
+    put_right(work, column, rows, &other);
+}
+
+/// Tells that a column is later than something, earlier below zero, and moves it.
+fn put_right(work: &mut Work<'_>, column: usize, rows: f64, than: &str) {
     let name = work.name(column);
     let statement = format!(
-        "{name} is {:.2} ms {} than {}; it was moved in time.",
-        1e3 * rows.abs() * dt,
-        if rows > 0.0 { "later" } else { "earlier" },
-        work.name(other)
+        "{name} is {:.2} ms {} than {than}; it was moved in time.",
+        1e3 * rows.abs() * work.period_s(),
+        if rows > 0.0 { "later" } else { "earlier" }
     );
     work.tell(Told {
         column: &name,
@@ -246,8 +251,8 @@ fn orthonormal(columns: &mut [Vec<f64>; 4]) {
     }
 }
 
-/// Rows by which the drive is late (earlier: below 0), if no physics makes it so; told.
-fn drive_offset(work: &mut Work<'_>, axis: &AxisColumns, drive: usize) -> Option<f64> {
+/// Rows by which the drive is late (earlier: below 0), if no physics makes it so.
+fn drive_offset(work: &Work<'_>, axis: &AxisColumns, drive: usize) -> Option<f64> {
     let motion = Motion::of(work, axis)?;
     let c = *work.criteria;
     let dt = work.period_s();
@@ -270,19 +275,6 @@ fn drive_offset(work: &mut Work<'_>, axis: &AxisColumns, drive: usize) -> Option
     if !seen || !has_inertia || physics {
         return None;
     }
-    let name = work.name(drive);
-    let statement = format!(
-        "{name} is {:.2} ms {} than the motion it makes; it was moved in time.",
-        1e3 * late_s.abs(),
-        if late_s > 0.0 { "later" } else { "earlier" }
-    );
-    work.tell(Told {
-        column: &name,
-        kind: FaultKind::ClockOffset,
-        action: Action::Correct,
-        rows: &[],
-        statement,
-    });
     Some(rows)
 }
 

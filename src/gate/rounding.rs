@@ -5,7 +5,7 @@ use super::columns::{AxisColumns, Role};
 use super::fault::{Action, Fault, FaultKind};
 use super::motion::Motion;
 use super::statistics::{deviation, digits, mean, percentile};
-use super::work::{Told, Work};
+use super::work::{Told, Work, in_order};
 use std::collections::BTreeMap;
 
 /// Over this long a column should have changed by more than its step, s.
@@ -91,13 +91,12 @@ pub fn rounded_by_one(recordings: &mut [Gated], axes: &[String]) {
         }
     }
     for (k, column, step) in found {
-        let (finest, faults) = (finest[&column], &mut recordings[k].faults);
+        let Gated { recording, faults, .. } = &mut recordings[k];
+        let finest = finest[&column];
         let told = faults.iter().any(|f| f.column == column && f.kind == FaultKind::Rounded);
         if (step / finest).round() < 2.0 || told {
             continue;
         }
-        let names: Vec<&str> = recordings[k].recording.columns.iter().map(|c| c.name.as_str()).collect();
-        let place = |f: &Fault| names.iter().position(|n| *n == f.column);
         let statement =
             format!("{column} has a step of {step:.3e}, and of {finest:.3e} in another recording.");
         faults.push(Fault {
@@ -108,7 +107,7 @@ pub fn rounded_by_one(recordings: &mut [Gated], axes: &[String]) {
             action: Action::Tell,
             statement,
         });
-        faults.sort_by_key(|f| (place(f), f.kind));
+        in_order(recording, faults);
     }
 }
 

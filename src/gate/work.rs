@@ -166,12 +166,16 @@ impl<'a> Work<'a> {
         if let Some(first) = self.times_s.first() {
             self.recording.start_s = *first;
         }
-        let place = |f: &Fault| self.recording.columns.iter().position(|c| c.name == f.column);
-        // `t_s` is no column of the recording and comes first.
-        self.faults.sort_by_key(|f| (place(f), f.kind));
+        in_order(&self.recording, &mut self.faults);
         let Self { recording, usable, averaged, steps, faults, .. } = self;
         Gated { recording, usable, averaged, steps, faults }
     }
+}
+
+/// Sorts faults as the columns of the file are; `t_s` is none of the recording and comes first.
+pub(super) fn in_order(recording: &Recording, faults: &mut [Fault]) {
+    let place = |f: &Fault| recording.columns.iter().position(|c| c.name == f.column);
+    faults.sort_by_key(|f| (place(f), f.kind));
 }
 
 /// Stretches of rows where `is` holds, those less than `gap` rows apart as one.
