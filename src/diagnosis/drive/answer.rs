@@ -29,17 +29,30 @@ use crate::diagnosis::steps::{coarser_step, stated_step_m};
 use crate::diagnosis::two_cores::on_two_cores;
 use crate::plant::effects::encoder_quantization::STEP;
 use crate::plant::effects::{
-    EffectKind, ParameterValue, PhysicsTerm, Port, coulomb_friction, viscous_friction,
+    EffectKind, ParameterValue, PhysicsTerm, Port, Role, coulomb_friction, viscous_friction,
 };
 use crate::sample::Recording;
 use crate::signal::inner_products::rms;
 
-/// True where the 95 % interval of a law's size does not hold zero. Sizes that stand in a shape do not.
-pub(super) fn is_other_than_zero(law: &Accepted, deviations: &[f64]) -> bool {
+/// True where the 95 % interval of a law's size does not hold zero, neither as fitted nor as told. Sizes that
+/// stand in a shape do not.
+pub(super) fn is_other_than_zero(
+    balance: &Balance,
+    (state, law): (&State, &Accepted),
+    d: &Deviations,
+) -> bool {
+    if law.hypothesis.has_dose() {
+        return true;
+    }
     let sized = |(a, d): (&f64, &f64)| a.abs() > Z95 * d;
     // Of a bristle the force: what remains without it is a damper.
     let count = if law.hypothesis.facts().turns_friction { 1 } else { law.amplitudes.len() };
-    law.hypothesis.has_dose() || law.amplitudes.iter().zip(deviations).take(count).any(sized)
+    let of = specification(law.hypothesis.effect);
+    let is_size = |e: &&Estimate| of.parameter(&e.name).is_some_and(|p| p.role == Role::Size);
+    let estimates = told(&law.hypothesis, &state.told(balance, law, d)).0;
+    let mut sizes = estimates.iter().filter(is_size).map(|e| e.ci95[0] * e.ci95[1] > 0.0).peekable();
+    law.amplitudes.iter().zip(&d.amplitudes).take(count).any(sized)
+        && (sizes.peek().is_none() || sizes.any(|told| told))
 }
 
 /// Root mean square on parts that nothing was fitted to, N; `without`: one law's coefficients taken out.
@@ -82,7 +95,7 @@ pub(super) fn determined(balance: &Balance, mut state: State) -> (State, Doubt, 
         let heldout_n = heldout_n(balance, &state, None);
         let is_vague = |(k, (a, d)): &(usize, (&Accepted, &Deviations))| {
             let vague = d.constants.iter().any(|c| *c > Criteria::STANDARD.undetermined)
-                || !is_other_than_zero(a, &d.amplitudes);
+                || !is_other_than_zero(balance, (&state, a), d);
             let vague = vague && !a.hypothesis.facts().trades || a.hypothesis.is_at_bound();
             a.given.is_none() && (vague || foretells_nothing(balance, &state, (*k, heldout_n)))
         };

@@ -5,7 +5,7 @@ use super::gram::{BandGram, Column, Gram, Part};
 use super::likelihood::{Design, Fit, Spread, values, weights_of};
 use super::number::{Mechanics, Number, TURNING};
 use super::signals::{Layout, Path, Signals};
-use super::spectra::{FOLDS, Plan};
+use super::spectra::{FOLDS, Plan, Series};
 use crate::plant::drive::DriveParams;
 use crate::plant::effects::Port;
 use std::sync::Arc;
@@ -166,9 +166,14 @@ impl Balance {
         let points = &self.plan.points;
         let response = time.operator.as_ref().map(|of| points.iter().map(|p| of(p.rad_s)).collect());
         Column {
-            sides: [0, 1].map(|k| time.sides[k].as_ref().map(|s| self.plan.transform(s))),
+            sides: [0, 1].map(|k| time.sides[k].as_ref().map(|s| self.plan.transform(&self.moving(s)))),
             response: response.map(Arc::new),
         }
+    }
+
+    /// A series in which nothing is where the axis rests.
+    fn moving(&self, series: &Series) -> Series {
+        series.iter().enumerate().map(|(r, x)| self.signals.moving(x, r)).collect()
     }
 
     /// What is fitted to: the thrust at the motor, nothing at the stage.

@@ -73,7 +73,7 @@ impl Case<'_> {
         let left = rest(self.balance, &state);
         // How a cut's force varies about its mean is in the spectrum of what is left.
         let doubt = doubt(self.balance, &state, &Rest { force_n: 0.0, ..left.clone() });
-        let sized = |(a, d): (&Accepted, &Deviations)| is_other_than_zero(a, &d.amplitudes);
+        let sized = |(a, d): (&Accepted, &Deviations)| is_other_than_zero(self.balance, (&state, a), d);
         if !state.accepted.iter().zip(&doubt.laws).all(sized) {
             return None;
         }

@@ -28,8 +28,10 @@ mod rounding;
 mod series;
 mod signals;
 mod spectra;
+mod standstill;
 mod state;
 mod subject;
+mod turning;
 mod words;
 
 use super::criteria::{Criteria, Z95};

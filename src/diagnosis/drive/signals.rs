@@ -6,6 +6,8 @@ use super::recorded::{
     Thrust, is_locked, motor_position, position, position_at, span, stage_position, thrust,
 };
 use super::spectra::{SHORTEST_BLOCK, Series};
+use super::standstill::standstill;
+use super::turning::{Bands, Turning, left};
 use crate::diagnosis::DiagnoseError;
 use crate::diagnosis::criteria::Criteria;
 use crate::diagnosis::cuts::{Mask, spindle_hz};
@@ -22,7 +24,9 @@ use std::f64::consts::TAU;
 /// Part of a recording that a slow thrust filter may take at either end.
 const PATH_PARTS: usize = 12;
 /// Lengths of a kernel that a recording holds at least.
-const KERNELS: f64 = 30.0;
+pub(super) const KERNELS: f64 = 30.0;
+/// How far a step rings through the low-pass, in periods of its band: two widths of its Gaussian.
+const RING: f64 = 1.44;
 
 /// How many balances there are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -64,6 +68,8 @@ pub(super) struct Track {
     pub(super) thin: Thin,
     /// Thinned samples that were not measured.
     pub(super) masked: Vec<bool>,
+    /// Thinned samples in which the axis rests, where there is one position: friction balances what there is.
+    pub(super) rests: Vec<bool>,
 }
 
 /// Thinned linear signals.
@@ -141,9 +147,10 @@ pub(super) fn found_steps_m(axis: &AxisModel, recording: &Recording) -> [f64; 2]
     let stated = [axis.drive.motor_encoder_resolution_m(), axis.drive.stage_encoder_resolution_m()];
     let raw = [Port::MotorEncoder, Port::StageEncoder].map(|port| position_at(axis, recording, port));
     std::array::from_fn(|k| {
-        let found =
-            |x: &Vec<f64>| coarser_step(x, stated[k].max(1e-12)).unwrap_or(0.0).max(rounding_m(x, rate_hz));
-        raw[k].as_ref().map_or(stated[k], |x| stated[k].max(found(x)))
+        let Some(x) = &raw[k] else { return stated[k] };
+        let step_m = stated[k].max(coarser_step(x, stated[k].max(1e-12)).unwrap_or(0.0));
+        let of_noise_m = rounding_m(x, rate_hz);
+        if of_noise_m > Criteria::STANDARD.coarser_step * step_m { of_noise_m } else { step_m }
     })
 }
 
@@ -165,6 +172,8 @@ impl Signals {
             .fold([0.0_f64; 2], |a, b| [a[0].max(b[0]), a[1].max(b[1])]);
         let by_stage = layout == Layout::OnePosition && stage_is_finer(axis, recordings);
         let two = layout == Layout::TwoPositions;
+        let is_of_stage = by_stage || recordings.iter().all(|r| motor_position(axis, r).is_none());
+        let steps_m = if two || !is_of_stage { steps_m } else { [steps_m[1]; 2] };
         let positions: Vec<Vec<Read>> =
             recordings.iter().map(|r| positions(axis, r, (layout, by_stage))).collect();
         let of_one = |read: &Vec<Read>| read.first().filter(|_| !two).map_or(0.0, |x| x.noise_m2(rate_hz));
@@ -174,23 +183,9 @@ impl Signals {
         let one_mass = (layout == Layout::OnePosition).then(|| stage_behind(axis, recordings)).flatten();
         let band_hz = band_hz((layout, rate_hz), one_mass).min(clean_hz.fold(f64::INFINITY, f64::min));
         let of_step = steps_m.map(|step_m| SpeedOfStep { step_m, rate_hz });
-        let coarser = if two && steps_m[1] > steps_m[0] { &of_step[1] } else { &of_step[0] };
-        let c = &Criteria::STANDARD;
-        let least_hz = c.velocity_band_share * rate_hz;
-        let is_stated = axis.drive.raw().friction_smoothing_m_s.is_some();
-        let mut smoothing_m_s = axis.drive.friction_smoothing_m_s();
-        if two && !is_stated {
-            smoothing_m_s = smoothing_m_s.max(coarser.at_m_s(least_hz.min(band_hz)) / c.step_share);
-        }
         let shortest = recordings.iter().map(Recording::len).min().unwrap_or(1);
-        let narrowest_hz = (0.15 * least_hz).max(KERNELS * rate_hz / shortest as f64);
-        let clean_hz =
-            |s: &SpeedOfStep| s.band_hz(c.step_share * smoothing_m_s).max(narrowest_hz).min(band_hz);
-        let velocity_hz = of_step.each_ref().map(clean_hz);
-        let lowest_hz = clean_hz(coarser);
-        if !is_stated {
-            smoothing_m_s = smoothing_m_s.max(coarser.at_m_s(lowest_hz) / c.step_share);
-        }
+        let bands = Bands::new(axis, (band_hz, rate_hz), shortest, &of_step);
+        let turning = bands.of_one().next().filter(|_| !two).unwrap_or_else(|| bands.of_two());
         let most = averaged[0].max(averaged[1]);
         let mean_of_laws = Kernel::mean(most);
         let low_pass = |hz, derivative| Kernel::low_pass(hz, rate_hz, Action { derivative, advance_s: 0.0 });
@@ -200,18 +195,26 @@ impl Signals {
             band_hz,
             step: ((rate_hz / (THINNED_PER_BAND * band_hz)) as usize).max(1),
             steps_m,
-            smoothing_m_s,
+            smoothing_m_s: turning.smoothing_m_s,
             tracks: Vec::new(),
             wound_m: one_mass.map_or(0.0, |s| s.wound_m),
             noise_m2: positions.iter().map(of_one).collect(),
             kernels: [0, 1, 2].map(|derivative| low_pass(band_hz, derivative).after(&mean_of_laws)),
-            of_velocity: velocity_hz.map(|hz| low_pass(hz, 1)),
+            of_velocity: turning.velocity_hz.map(|hz| low_pass(hz, 1)),
             means: averaged.map(|rows| Kernel::mean(if rows > 1 { 1 } else { most })),
         };
-        for (k, (recording, read)) in recordings.iter().zip(&positions).enumerate() {
-            let mask = masks.get(k).map_or(&[][..], Vec::as_slice);
-            let track = signals.track(axis, recording, (read, velocity_hz, mask))?;
-            signals.tracks.push(track);
+        let read = |signals: &Self, turning: &Turning| -> Result<Vec<Track>, DiagnoseError> {
+            let mask = |k: usize| masks.get(k).map_or(&[][..], Vec::as_slice);
+            let all = recordings.iter().zip(&positions).enumerate();
+            all.map(|(k, (r, read))| signals.track(axis, r, (read, turning.velocity_hz, mask(k)))).collect()
+        };
+        signals.tracks = read(&signals, &turning)?;
+        let all = bands.of_one().filter(|_| !two).map(|t| (left(&signals, &positions, &t), t));
+        let best = all.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, t)| t);
+        if let Some(told) = best.filter(|t| *t != turning) {
+            signals.smoothing_m_s = told.smoothing_m_s;
+            signals.of_velocity = told.velocity_hz.map(|hz| low_pass(hz, 1));
+            signals.tracks = read(&signals, &told)?;
         }
         let count: usize = signals.tracks.iter().map(|t| t.stretch_m.len()).sum();
         let mean = signals.tracks.iter().flat_map(|t| &t.stretch_m).sum::<f64>() / count.max(1) as f64;
@@ -234,7 +237,7 @@ impl Signals {
         }
         let samples = recording.len();
         let path_half = self.path_half(axis).min(samples / PATH_PARTS);
-        let of_side = |(read, hz): (&Read, &f64)| self.low_pass(*hz, 1, read.delay_s).half();
+        let of_side = |(read, hz): (&Read, &f64)| self.low_pass(hz.min(self.band_hz), 1, read.delay_s).half();
         let halves = positions.iter().zip(&velocity_hz).map(of_side);
         let full_first = halves.max().unwrap_or(0).max(path_half) + 1;
         let thin_first = full_first + self.kernels.iter().map(Kernel::half).max().unwrap_or(0) + 1;
@@ -261,14 +264,22 @@ impl Signals {
             };
             out.stretch = self.means[1].apply(&stretch_m, Grid { first: thin_first - full_first, ..thin });
         }
-        let masked = (0..thin.count)
-            .map(|j| {
-                let centre = thin_first + j * self.step;
-                let reach = self.kernels[0].half();
-                mask.get(centre.saturating_sub(reach)..(centre + reach).min(mask.len()))
-                    .is_some_and(|part| part.iter().any(|m| *m))
-            })
-            .collect();
+        let near = |rows: &[bool], reach: usize| -> Vec<bool> {
+            let of = |centre: usize| {
+                let part = rows.get(centre.saturating_sub(reach)..(centre + reach).min(rows.len()));
+                part.is_some_and(|part| part.contains(&true))
+            };
+            (0..thin.count).map(|j| of(thin_first + j * self.step)).collect()
+        };
+        let stands = match self.layout {
+            Layout::OnePosition => {
+                let accel_m_s2 = deviation(&reference.reference_n) / axis.drive.total_mass_kg();
+                standstill(&positions[0].x_m, self.rate_hz, (self.steps_m[0], accel_m_s2))
+            }
+            Layout::TwoPositions | Layout::Locked => Vec::new(),
+        };
+        let masked = near(mask, self.kernels[0].half());
+        let rests = near(&stands, (RING / self.band_hz * self.rate_hz) as usize);
         Ok(Track {
             experiment: recording.experiment.clone(),
             start_s: recording.start_s,
@@ -282,11 +293,12 @@ impl Signals {
             stretch_m,
             thin: out,
             masked,
+            rests,
         })
     }
 
     /// The low-pass of a band, of the signal that much later.
-    fn low_pass(&self, hz: f64, derivative: u32, advance_s: f64) -> Kernel {
+    pub(super) fn low_pass(&self, hz: f64, derivative: u32, advance_s: f64) -> Kernel {
         Kernel::low_pass(hz, self.rate_hz, Action { derivative, advance_s })
     }
 
@@ -369,6 +381,12 @@ impl Signals {
     pub(super) fn filtered(&self, track: &Track, full: &[f64], derivative: usize) -> Vec<f64> {
         let thin = self.thin(track);
         self.kernels[derivative].apply(full, Grid { first: thin.first - track.full_first, ..thin })
+    }
+
+    /// A thinned series of a recording, zero where the axis rests.
+    pub(super) fn moving(&self, thin: &[f64], recording: usize) -> Vec<f64> {
+        let rests = &self.tracks[recording].rests;
+        thin.iter().zip(rests).map(|(x, rests)| if *rests { 0.0 } else { *x }).collect()
     }
 
     /// A full-rate series through the low-pass, its ends as they are.
@@ -471,9 +489,9 @@ impl Track {
 }
 
 /// A position that a balance is made of, when it was read, and the mass that its noise goes through.
-struct Read {
-    x_m: Vec<f64>,
-    delay_s: f64,
+pub(super) struct Read {
+    pub(super) x_m: Vec<f64>,
+    pub(super) delay_s: f64,
     mass_kg: f64,
 }
 
@@ -520,9 +538,7 @@ fn stage_is_finer(axis: &AxisModel, recordings: &[Recording]) -> bool {
 fn clean_band_hz(axis: &AxisModel, recording: &Recording, (mass_kg, noise_m2): (f64, f64)) -> f64 {
     let rate_hz = recording.sample_rate.hz();
     let Ok(thrust) = thrust(axis, recording) else { return f64::INFINITY };
-    let mean = thrust.reference_n.iter().sum::<f64>() / thrust.reference_n.len().max(1) as f64;
-    let about: Vec<f64> = thrust.reference_n.iter().map(|f| f - mean).collect();
-    let allowed_n = Criteria::STANDARD.repeatability * rms(&about);
+    let allowed_n = Criteria::STANDARD.repeatability * deviation(&thrust.reference_n);
     let per_hz = mass_kg * noise_m2.sqrt() * TAU * TAU * (0.4 / rate_hz).sqrt();
     let least_hz = KERNELS * rate_hz / recording.len().max(1) as f64;
     (allowed_n / per_hz.max(1e-300)).powf(0.4).max(least_hz)
@@ -544,8 +560,14 @@ fn band_hz((layout, rate_hz): (Layout, f64), one_mass: Option<Spring>) -> f64 {
     one_mass.map_or(widest, |s| widest.min((c.mass_tolerance * s.swing_rad2_s2).sqrt() / TAU))
 }
 
+/// Root mean square about the mean.
+fn deviation(x: &[f64]) -> f64 {
+    let mean = x.iter().sum::<f64>() / x.len().max(1) as f64;
+    rms(&x.iter().map(|x| x - mean).collect::<Vec<f64>>())
+}
+
 /// A series through a kernel where that has all of its length, else as in `ends`.
-fn inside(kernel: &Kernel, full: &[f64], mut ends: Vec<f64>) -> Vec<f64> {
+pub(super) fn inside(kernel: &Kernel, full: &[f64], mut ends: Vec<f64>) -> Vec<f64> {
     let half = kernel.half();
     if full.len() > 2 * half {
         let grid = Grid { first: half, step: 1, count: full.len() - 2 * half };

@@ -20,6 +20,11 @@ impl Law for Asymmetric {
         Facts::of(EffectKind::AsymmetricFriction, Size::Free, amplitudes)
     }
 
+    /// Friction resists both ways: no difference is more than twice its level.
+    fn is_void(&self, ground: &Ground<'_>, amplitudes: &[f64]) -> bool {
+        amplitudes.first().is_some_and(|d| d.abs() > 2.0 * ground.mechanics.stage_coulomb_n)
+    }
+
     fn full(&self, at: &At<'_>) -> Vec<Vec<f64>> {
         let dry = at.of_speed(|v| asymmetric(v, at.ground.smoothing_m_s));
         let viscous = self.viscous.then(|| at.of_speed(|v| 0.5 * v.abs()));

@@ -11,6 +11,9 @@ const CUT_HARMONICS: usize = 10;
 /// Harmonics whose sum a cut is searched by.
 const SEARCHED_HARMONICS: usize = 4;
 
+/// Share of all frequencies that beats may fill: so many cuts are taken for one.
+const BEATS: f64 = 0.05;
+
 pub(super) const EFFECT: Effect = Effect {
     candidates: |search| {
         let whole = [0.0, search.signals.longest_s()];
@@ -47,6 +50,38 @@ impl Cut {
     fn harmonics(&self, signals: &Signals) -> usize {
         CUT_HARMONICS.min(((signals.top_hz() / self.hz) as usize).max(1))
     }
+
+    /// True for what the k-th harmonic of an encoder's steps makes at an even speed: |k v / q - n rate|. The
+    /// control answers the steps faster than the log is written. Of a speed that is known to q / T the
+    /// harmonics are told to (k + 1) / T; they are asked as long as they fill less than [`BEATS`] of all
+    /// frequencies.
+    fn is_beat(&self, signals: &Signals, track: &Track) -> bool {
+        let (step_m, each_s) = (signals.steps_m[0], signals.step as f64 / track.rate_hz);
+        let [start_s, end_s] = self.window_s;
+        // The middle half: at its ends a window may hold starts and stops.
+        let inside = |j: &usize| {
+            let t_s = track.thin_s(*j, signals.step);
+            (t_s - 0.5 * (start_s + end_s)).abs() < 0.25 * (end_s - start_s)
+        };
+        let x: Vec<f64> = (0..track.thin_count()).filter(inside).map(|j| track.thin.position[j]).collect();
+        let (Some(first), Some(last)) = (x.first(), x.last()) else { return false };
+        let way = |k: usize| k as f64 / (x.len() - 1).max(1) as f64 * (last - first);
+        let is_even = x.iter().enumerate().all(|(k, x)| (x - first - way(k)).abs() < 2.0 * step_m);
+        let long_s = (x.len() - 1) as f64 * each_s;
+        let steps_s = (last - first) / (step_m * long_s).max(f64::MIN_POSITIVE);
+        let mut filled = 0.0;
+        (1..)
+            .map(|k| (f64::from(k) * steps_s, f64::from(k + 1) / long_s))
+            .take_while(|(_, within_hz)| {
+                filled += 4.0 * within_hz / track.rate_hz;
+                filled < BEATS
+            })
+            .any(|(hz, within_hz)| {
+                let beat_hz = (hz - track.rate_hz * (hz / track.rate_hz).round()).abs();
+                (beat_hz - self.hz).abs() < within_hz
+            })
+            && is_even
+    }
 }
 
 impl Law for Cut {
@@ -67,6 +102,12 @@ impl Law for Cut {
 
     fn constants(&mut self) -> Vec<Free<'_>> {
         vec![Free::of(&mut self.hz, &FUNDAMENTAL)]
+    }
+
+    /// What is above all that is looked at is not seen; what the steps of the encoder beat is no cut.
+    fn is_void(&self, ground: &Ground<'_>, _: &[f64]) -> bool {
+        let s = ground.signals;
+        self.hz > s.top_hz() || s.sides() == 1 && s.tracks.iter().any(|t| self.is_beat(s, t))
     }
 
     /// Harmonics and mean in a window; every recording has columns of its own.

@@ -1,0 +1,72 @@
+//! When an axis stands still: dry friction then balances whatever there is, up to its level, and a balance of
+//! forces says nothing.
+
+/// Standing over the time of turning round, at least: what is shorter is turning round.
+const LONGER: f64 = 2.0;
+/// Way of an axis that stands over the step of its encoder: one may flip.
+const STEPS: f64 = 1.5;
+
+/// Rows in which an axis stands still: it stays within a step q for longer than where it turns round under a
+/// common acceleration a, 2 (2 q / a)^(1/2).
+///
+/// Checked by: tests::a_stop_is_found_and_turning_round_is_none.
+pub(super) fn standstill(x_m: &[f64], rate_hz: f64, (step_m, accel_m_s2): (f64, f64)) -> Vec<bool> {
+    let turn_s = 2.0 * (2.0 * step_m / accel_m_s2.max(f64::MIN_POSITIVE)).sqrt();
+    let least = ((LONGER * turn_s * rate_hz).ceil() as usize).max(3);
+    let within = |[low, high]: [f64; 2]| high - low <= STEPS * step_m;
+    let wider = |[low, high]: [f64; 2], x: f64| [low.min(x), high.max(x)];
+    let mut out = vec![false; x_m.len()];
+    let (mut begin, mut ends) = (0, [f64::INFINITY, f64::NEG_INFINITY]);
+    for (k, x) in x_m.iter().enumerate() {
+        ends = wider(ends, *x);
+        if !within(ends) {
+            // Back from here as far as that goes, and no further than it takes.
+            (begin, ends) = (k, [*x; 2]);
+            while begin > 0 && k - begin < least && within(wider(ends, x_m[begin - 1])) {
+                begin -= 1;
+                ends = wider(ends, x_m[begin]);
+            }
+        }
+        let length = k + 1 - begin;
+        if length >= least {
+            let new = if length == least { begin } else { k };
+            out[new..=k].fill(true);
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::standstill;
+
+    /// Down to rest at 2 m/s2, 100 ms of rest, back; then round without a stop, encoder of 10 um.
+    #[test]
+    fn a_stop_is_found_and_turning_round_is_none() {
+        let (rate_hz, step_m, accel_m_s2) = (1000.0, 1e-5, 2.0);
+        let way = |t: f64| 0.5 * accel_m_s2 * t * t;
+        let at = |t: f64| -> f64 {
+            match t {
+                t if t < 0.5 => -way(0.5 - t),
+                t if t < 0.6 => 0.0,
+                t if t < 1.1 => -way(t - 0.6),
+                t => -way(0.5) + way(0.5) - way(1.6 - t),
+            }
+        };
+        let x: Vec<f64> = (0..2100).map(|k| (at(f64::from(k) / rate_hz) / step_m).round() * step_m).collect();
+        let found = standstill(&x, rate_hz, (step_m, accel_m_s2));
+        let rows: Vec<usize> = (0..x.len()).filter(|k| found[*k]).collect();
+        // Within a step from 4 ms before the stop to 4 ms after.
+        assert!(rows.first().is_some_and(|k| (494..=500).contains(k)), "{rows:?}");
+        assert!(rows.last().is_some_and(|k| (600..=606).contains(k)), "{rows:?}");
+        assert_eq!(rows.len(), rows[rows.len() - 1] - rows[0] + 1);
+    }
+
+    #[test]
+    fn a_long_creep_takes_no_longer_than_a_walk() {
+        // A million rows that leave a step only slowly: each looks back no further than a stop takes.
+        let x: Vec<f64> = (0..1_000_000).map(|k| 1e-9 * f64::from(k)).collect();
+        let found = standstill(&x, 1000.0, (1e-3, 1e-6));
+        assert!(found[500_000]);
+    }
+}
