@@ -90,8 +90,6 @@ criteria! {
     band_share: [f64; 2] = [0.08, 0.1],
     /// Highest frequency looked at over the pass band: what a kernel that is half there still tells.
     top: f64 = 1.1875,
-    /// Band of a velocity that friction without a stated turning speed is told in, as a share of the rate.
-    velocity_band_share: f64 = 0.05,
     /// Share of the excess above the floor that the stated band holds.
     excess_share: f64 = 0.95,
     /// Power of a block over the median of its recording that is told as a time of the mismatch.

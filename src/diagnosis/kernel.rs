@@ -31,6 +31,11 @@ pub(crate) struct Action {
     pub(crate) advance_s: f64,
 }
 
+/// How long a step rings through the low-pass of a band: two widths of its Gaussian, s.
+pub(crate) fn ring_s(band_hz: f64) -> f64 {
+    2.0 * 0.72 / band_hz
+}
+
 /// sinc times Gaussian, and its first two derivatives.
 ///
 /// h(t) = 2 f sinc(2 f t) exp(-t^2 / 2 s^2), s = 0.72 / f: flat to about 0.5 f, gone at 1.9 f.

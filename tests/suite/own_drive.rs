@@ -128,3 +128,93 @@ fn a_log_that_is_too_short_is_refused_with_the_band_that_asks_for_more() {
     let told = diagnose(&machine, &[recording], &|_, _| {}).unwrap_err().to_string();
     assert!(told.contains("300 samples, at least ") && told.contains(" leave a band of "), "{told}");
 }
+
+/// A log of that many rows, step of the position, torque and position of each.
+fn log_of(step_m: f64, rows: impl Iterator<Item = (f64, f64)>) -> Recording {
+    let mut rng = ChaCha8Rng::seed_from_u64(5);
+    let noise = |n: f64, rng: &mut ChaCha8Rng| n + 0.5 * (rng.random_range(-1.0..1.0_f64));
+    let (force, position): (Vec<f64>, Vec<f64>) =
+        rows.map(|(f, x)| (noise(f, &mut rng), (x / step_m).floor() * step_m)).unzip();
+    let mut out = log(1);
+    out.columns[0].values = force.iter().map(|f| f * LEAD_M / std::f64::consts::TAU).collect();
+    out.columns[1].values = position;
+    out
+}
+
+fn names(d: &Diagnosis) -> Vec<&str> {
+    let mut names: Vec<&str> = d.findings.iter().map(|f| f.effect.name()).collect();
+    names.sort_unstable();
+    names
+}
+
+/// An integrator winds up while the axis sticks: friction holds what it pushes with, and no law is in it.
+#[test]
+fn a_force_that_moves_nothing_is_no_law_and_bends_no_number() {
+    let mut rows = Vec::new();
+    let mut from_m = 0.0;
+    for k in 0..12 {
+        let way_m = if k % 2 == 0 { 0.05 } else { -0.05 } * (1.0 + 0.1 * f64::from(k % 5));
+        for i in 0..600 {
+            let [moved_m, v, a] = smooth_move(way_m, 0.6, f64::from(i) / 600.0);
+            let dry_n = COULOMB_N * f64::from(i8::from(v > 0.0) - i8::from(v < 0.0));
+            rows.push((MASS_KG * a + VISCOUS_N_S_M * v + dry_n, from_m + moved_m));
+        }
+        from_m += way_m;
+        let other_way = -way_m.signum();
+        rows.extend((0..300).map(|i| (other_way * 0.9 * COULOMB_N * f64::from(i) / 300.0, from_m)));
+    }
+    let d = ask(log_of(5e-6, rows.into_iter()));
+    assert_eq!(names(&d), ["coulomb_friction", "viscous_friction"], "{:?}", d.notes);
+    for (value, ci95, truth) in d
+        .findings
+        .iter()
+        .map(|f| (f.parameters[0].value, f.parameters[0].ci95, f.effect.name()))
+        .map(|(x, ci95, name)| (x, ci95, if name.starts_with('c') { COULOMB_N } else { VISCOUS_N_S_M }))
+        .chain(d.parameter_corrections.iter().map(|c| (c.value, c.ci95, MASS_KG)))
+    {
+        assert!((value / truth - 1.0).abs() < 0.03, "{value} in {ci95:?} for {truth}");
+    }
+}
+
+/// A mass that is two on a belt, both ends read by an encoder: its model of one mass leaves a spring out.
+#[test]
+fn two_encoders_tell_the_spring_between_them_that_a_model_of_one_mass_leaves_out() {
+    let (motor_kg, stage_kg, stiffness_n_m, damping_n_s_m) = (30.0, 50.0, 300_000.0, 100.0);
+    let (each_s, per_row) = (2e-5, 50);
+    let (mut x, mut v) = ([0.0_f64; 2], [0.0_f64; 2]);
+    let mut columns = [Vec::new(), Vec::new(), Vec::new()];
+    for k in 0..20_000 {
+        let t = f64::from(k) / RATE_HZ;
+        let goal_m = 0.03 * ((5.0 * t).sin() + 0.5 * (17.0 * t).sin() + 0.2 * (43.0 * t + 1.0).sin());
+        let force_n = 100_000.0 * (goal_m - x[0]) - 3000.0 * v[0];
+        columns[0].push(force_n * LEAD_M / std::f64::consts::TAU);
+        columns[1].push((x[0] / 1e-6).floor() * 1e-6);
+        columns[2].push((x[1] / 1e-6).floor() * 1e-6);
+        for _ in 0..per_row {
+            let spring_n = stiffness_n_m * (x[0] - x[1]) + damping_n_s_m * (v[0] - v[1]);
+            v[0] += each_s * (force_n - spring_n - 15.0 * (v[0] / 1e-3).tanh()) / motor_kg;
+            v[1] += each_s * (spring_n - 10.0 * (v[1] / 1e-3).tanh()) / stage_kg;
+            (x[0], x[1]) = (x[0] + each_s * v[0], x[1] + each_s * v[1]);
+        }
+    }
+    let mut recording = log(1);
+    let stage = Column { name: "x_stage_position_m".to_owned(), values: std::mem::take(&mut columns[2]) };
+    for (column, values) in recording.columns.iter_mut().zip(columns) {
+        column.values = values;
+    }
+    recording.columns.push(stage);
+    let d = ask(recording);
+    assert_eq!(d.verdict, Verdict::MissingPhysics, "{:?}", d.notes);
+    let said = |name: &str| d.parameter_corrections.iter().find(|c| c.name == name).map(|c| c.value);
+    let r2 = (LEAD_M / std::f64::consts::TAU).powi(2);
+    for (name, truth) in [
+        ("axial_stiffness_n_m", stiffness_n_m),
+        ("movable_mass_kg", stage_kg),
+        ("rotary_inertia_kg_m2", motor_kg * r2),
+    ] {
+        let value = said(name).unwrap_or(f64::NAN);
+        assert!((value / truth - 1.0).abs() < 0.05, "{name} {value} for {truth}: {:?}", d.notes);
+    }
+    let axis = d.model.axis("x").unwrap();
+    assert!(axis.drive.axial_stiffness_n_m() > 0.0 && d.notes[0].contains("one mass"), "{:?}", d.notes);
+}

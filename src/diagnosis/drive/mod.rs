@@ -25,12 +25,14 @@ mod one_mass;
 pub(in crate::diagnosis) mod recorded;
 mod rest;
 mod rounding;
+mod second_mass;
 mod series;
 mod signals;
 mod spectra;
 mod standstill;
 mod state;
 mod subject;
+mod thrust_left;
 mod turning;
 mod words;
 
@@ -38,11 +40,10 @@ use super::criteria::{Criteria, Z95};
 use super::cuts::spindle_hz;
 use super::selection::{Reach, Work, select};
 use super::{DiagnoseError, DiagnoseOptions, Diagnosis, Progress};
+use crate::plant::drive::Structure;
 use crate::plant::machine::{AxisModel, Machine};
 use crate::sample::Recording;
 
-/// Passes in which numbers and the balance follow one another before anything is asked.
-const PASSES: usize = 2;
 /// Samples times evaluations of screening and fits for a second of the budget on one thread of a slow office
 /// machine, which makes 1e7 of them: the rest is for the answer.
 const SAMPLES_PER_S: f64 = 8.0e6;
@@ -75,15 +76,19 @@ fn work_of(options: &DiagnoseOptions, recordings: &[Recording]) -> Work {
     Work::new((options.budget_s * SAMPLES_PER_S / samples.max(1) as f64) as u64)
 }
 
-/// The balance of an axis; `stage_later_s`: see [`state::Balance`].
+/// The balance of an axis; `stage_later_s`: see [`state::Balance`]; `rest_counts`: standing still is looked
+/// at.
 /// Errors: as [`signals::Signals::new`]; too little was measured.
 fn balance_of(
     axis: &AxisModel,
     recordings: &[Recording],
     options: &DiagnoseOptions,
-    stage_later_s: Option<f64>,
+    (stage_later_s, rest_counts): (Option<f64>, bool),
 ) -> Result<state::Balance, DiagnoseError> {
-    let signals = signals::Signals::new(axis, recordings, &options.masked, options.averaged)?;
+    let mut signals = signals::Signals::new(axis, recordings, &options.masked, options.averaged)?;
+    if rest_counts {
+        signals.tracks.iter_mut().for_each(|t| t.rests.fill(false));
+    }
     // When a mean over rows acts nobody says.
     let clock_moved = options.clock_moved.contains(&true) || options.averaged != [1; 2];
     let balance = state::Balance::new(axis.drive.clone(), signals, (clock_moved, stage_later_s));
@@ -104,7 +109,7 @@ fn start_of(axis: &AxisModel, balance: &state::Balance) -> (state::State, Vec<St
     if !laws.is_empty() {
         start = state::State::new(balance, laws);
     }
-    for _ in 0..PASSES {
+    for _ in 0..subject::PASSES {
         start = start.begun(balance);
     }
     (start, notes)
@@ -148,7 +153,7 @@ fn beside_cut(
     let masked = entry::without(&options.masked, &options.resting);
     let whole = DiagnoseOptions { masked, ..options.clone() };
     let axis = given::folded(stated);
-    let balance = balance_of(&axis, recordings, &whole, None).ok()?;
+    let balance = balance_of(&axis, recordings, &whole, (None, true)).ok()?;
     let (start, _) = start_of(&axis, &balance);
     let cut = entry::entered(&balance, &start, &mut work_of(options, recordings))?;
     let rows = cut.rows(&balance);
@@ -179,7 +184,14 @@ pub(in crate::diagnosis) fn diagnose(
     }
     let mut work = work_of(options, recordings);
     let (axis, balance) = together(stated, recordings, options, &mut work)?;
-    let (start, notes) = start_of(&axis, &balance);
+    let (start, mut notes) = start_of(&axis, &balance);
+    if stated.drive.structure() != axis.drive.structure() && stated.drive.structure() == Structure::Rigid {
+        notes.push(
+            "The model has one mass. Its two encoders show two on a spring: what is said is of both, begun \
+             from a half at either end."
+                .to_owned(),
+        );
+    }
     let drive = subject::Drive::new(&balance);
     let clean = drive.without_faults(start.clone(), &mut work);
     let search = |share: f64, what: &str| progress(0.05 + 0.85 * share, what);
@@ -213,13 +225,14 @@ fn together(
     work: &mut Work,
 ) -> Result<(AxisModel, state::Balance), DiagnoseError> {
     let folded = given::folded(stated);
+    let folded = second_mass::two_masses(&folded, recordings).unwrap_or(folded);
     let raw = folded.drive.raw();
     let mut later_s = raw.motor_encoder_delay_s.and(raw.stage_encoder_delay_s).is_none().then_some(0.0);
     let mut axis = folded.clone();
-    let mut balance = balance_of(&axis, recordings, options, later_s)?;
+    let mut balance = balance_of(&axis, recordings, options, (later_s, false))?;
     let mut open = balance.numbers().contains(&number::Number::EncoderTiming);
     let mut own = work.half();
-    for _ in 0..PASSES {
+    for _ in 0..subject::PASSES {
         if !std::mem::take(&mut open) {
             break;
         }
@@ -234,7 +247,7 @@ fn together(
         let total_s = later_s.unwrap_or(0.0) + more_s;
         (later_s, open) = (Some(total_s), at_bound);
         axis = given::read_later(&folded, total_s);
-        balance = balance_of(&axis, recordings, options, later_s)?;
+        balance = balance_of(&axis, recordings, options, (later_s, false))?;
     }
     work.take_over([&own, &Work::new(0)]);
     Ok((axis, balance))

@@ -21,14 +21,17 @@ impl Case<'_> {
         (raw.motor_encoder_delay_s, raw.stage_encoder_delay_s) =
             (stated.raw().motor_encoder_delay_s, stated.raw().stage_encoder_delay_s);
         let d = &DriveParams::new(raw).unwrap_or(stated);
-        let told = beside(self.balance, state, doubt);
+        let told = beside(self.balance, self.stated, state, doubt);
         let common = common_scale(self.balance, &told);
         let list = corrections(self.balance, self.stated, state, doubt);
         let constant = list.iter().find(|c| c.name == "torque_constant_nm_a");
         let off = if constant.is_some() { (-common).exp() } else { 1.0 };
         let known = told
             .iter()
-            .filter(|n| n.value > 0.0 && n.deviation < Criteria::STANDARD.damping_tolerance * n.value)
+            .filter(|n| {
+                let is_known = n.deviation < Criteria::STANDARD.damping_tolerance * n.value;
+                n.value > 0.0 && (is_known || n.is_of_second_mass(self.balance))
+            })
             .map(|n| (n.key, off * n.value));
         let further =
             list.iter().filter(|c| !told.iter().any(|n| n.key == c.name)).map(|c| (&*c.name, c.value));

@@ -186,8 +186,16 @@ pub(super) struct Beside {
     tolerance: f64,
 }
 
-/// Every number of the drive that the balance has, in the key's unit.
-pub(super) fn beside(balance: &Balance, state: &State, doubt: &Doubt) -> Vec<Beside> {
+impl Beside {
+    /// True for a number of a second mass that the model does not have.
+    pub(super) fn is_of_second_mass(&self, balance: &Balance) -> bool {
+        self.nominal == 0.0 && balance.drive.number(self.key).is_some_and(|guess| guess > 0.0)
+    }
+}
+
+/// Every number of the drive that the balance has, in the key's unit; `axis`: as stated.
+pub(super) fn beside(balance: &Balance, axis: &AxisModel, state: &State, doubt: &Doubt) -> Vec<Beside> {
+    let as_stated = given::folded(axis).drive;
     let r2 = balance.drive.travel_m_rad().powi(2);
     let two = balance.signals.layout == Layout::TwoPositions;
     let stated = stated_mechanics(balance);
@@ -199,7 +207,7 @@ pub(super) fn beside(balance: &Balance, state: &State, doubt: &Doubt) -> Vec<Bes
         let estimate =
             if *number == Number::StageCoulomb { state.coulomb_n() } else { state.base.fit.beta[k] };
         let unit = if matches!(number, Number::MotorMass | Number::MotorDamping) { r2 } else { 1.0 };
-        let nominal = balance.drive.number(key).unwrap_or(0.0);
+        let nominal = as_stated.number(key).unwrap_or(0.0);
         let other = number.of_motor().filter(|_| !two).map_or(0.0, |motor| stated.of(motor));
         let value = unit * estimate - other;
         let deviation = unit * doubt.numbers[k];
@@ -212,7 +220,8 @@ pub(super) fn beside(balance: &Balance, state: &State, doubt: &Doubt) -> Vec<Bes
 /// itself among them. 0: none, or nothing that tells.
 pub(super) fn common_scale(balance: &Balance, numbers: &[Beside]) -> f64 {
     let c = &Criteria::STANDARD;
-    if scale_deviation(balance) == 0.0 || balance.signals.layout != Layout::TwoPositions {
+    let is_split = numbers.iter().any(|n| n.is_of_second_mass(balance));
+    if scale_deviation(balance) == 0.0 || balance.signals.layout != Layout::TwoPositions || is_split {
         return 0.0;
     }
     let told = numbers.iter().filter(|n| n.nominal > 0.0 && n.value > 0.0);
@@ -247,7 +256,7 @@ pub(super) fn corrections(
     doubt: &Doubt,
 ) -> Vec<Correction> {
     let c = &Criteria::STANDARD;
-    let all = beside(balance, state, doubt);
+    let all = beside(balance, axis, state, doubt);
     let scale = scale_deviation(balance);
     let common = common_scale(balance, &all);
     let of_constant = common.abs() > c.correction_tolerances * c.mass_tolerance;
@@ -262,6 +271,9 @@ pub(super) fn corrections(
             let half = Z95 * n.deviation.hypot(scale * (value + n.other));
             list.push(Correction::within(n.key, n.nominal, value, half));
         }
+    }
+    for n in all.iter().filter(|n| n.is_of_second_mass(balance) && n.value > Z95 * n.deviation) {
+        list.push(Correction::within(n.key, 0.0, n.value, Z95 * n.deviation.hypot(scale * n.value)));
     }
     if let Some(nominal) = balance.drive.torque_constant_nm_a().filter(|_| of_constant) {
         let value = nominal * (-off).exp();

@@ -10,7 +10,6 @@
 
 use super::columns::{Ground, TimeColumn};
 use super::signals::{Layout, Track};
-use crate::diagnosis::criteria::Criteria;
 use crate::plant::effects::coulomb_friction::sliding_direction;
 
 /// What null worlds are turned by: shares of a recording, and of a step.
@@ -22,14 +21,9 @@ pub(super) fn rounding(ground: &Ground<'_>) -> Vec<TimeColumn> {
     if s.layout == Layout::TwoPositions {
         return Vec::new();
     }
-    // What is rounded to digits has several steps: the one that makes its noise counts.
-    let step_m = |recording: usize| {
-        let of_noise_m = (12.0 * s.noise_m2[recording]).sqrt();
-        if of_noise_m < Criteria::STANDARD.other_step * s.steps_m[0] { s.steps_m[0] } else { of_noise_m }
-    };
     let of = |shift: f64| {
-        let of = |(r, track)| left(ground, track, (step_m(r), shift * step_m(r)));
-        TimeColumn::at(0, s.tracks.iter().enumerate().map(of).collect())
+        let step_m = s.steps_m[0];
+        TimeColumn::at(0, s.each(|track| left(ground, track, (step_m, shift * step_m))))
     };
     QUARTERS.map(of).to_vec()
 }

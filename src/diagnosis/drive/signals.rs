@@ -7,12 +7,12 @@ use super::recorded::{
 };
 use super::spectra::{SHORTEST_BLOCK, Series};
 use super::standstill::standstill;
-use super::turning::{Bands, Turning, left};
+use super::turning::{Bands, Turning};
 use crate::diagnosis::DiagnoseError;
 use crate::diagnosis::criteria::Criteria;
 use crate::diagnosis::cuts::{Mask, spindle_hz};
 use crate::diagnosis::encoder_noise::{SpeedOfStep, rounding_m, variance_m2};
-use crate::diagnosis::kernel::{Action, Grid, Kernel};
+use crate::diagnosis::kernel::{Action, Grid, Kernel, ring_s};
 use crate::diagnosis::steps::coarser_step;
 use crate::plant::drive::{DriveParams, Structure};
 use crate::plant::effects::Port;
@@ -24,9 +24,7 @@ use std::f64::consts::TAU;
 /// Part of a recording that a slow thrust filter may take at either end.
 const PATH_PARTS: usize = 12;
 /// Lengths of a kernel that a recording holds at least.
-pub(super) const KERNELS: f64 = 30.0;
-/// How far a step rings through the low-pass, in periods of its band: two widths of its Gaussian.
-const RING: f64 = 1.44;
+const KERNELS: f64 = 30.0;
 
 /// How many balances there are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -184,7 +182,8 @@ impl Signals {
         let band_hz = band_hz((layout, rate_hz), one_mass).min(clean_hz.fold(f64::INFINITY, f64::min));
         let of_step = steps_m.map(|step_m| SpeedOfStep { step_m, rate_hz });
         let shortest = recordings.iter().map(Recording::len).min().unwrap_or(1);
-        let bands = Bands::new(axis, (band_hz, rate_hz), shortest, &of_step);
+        let narrowest_hz = KERNELS * rate_hz / shortest as f64;
+        let bands = Bands::new(axis, (band_hz, rate_hz), narrowest_hz, &of_step);
         let turning = bands.of_one().next().filter(|_| !two).unwrap_or_else(|| bands.of_two());
         let most = averaged[0].max(averaged[1]);
         let mean_of_laws = Kernel::mean(most);
@@ -209,7 +208,7 @@ impl Signals {
             all.map(|(k, (r, read))| signals.track(axis, r, (read, turning.velocity_hz, mask(k)))).collect()
         };
         signals.tracks = read(&signals, &turning)?;
-        let all = bands.of_one().filter(|_| !two).map(|t| (left(&signals, &positions, &t), t));
+        let all = bands.of_one().filter(|_| !two).map(|t| (signals.left(&positions, &t), t));
         let best = all.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, t)| t);
         if let Some(told) = best.filter(|t| *t != turning) {
             signals.smoothing_m_s = told.smoothing_m_s;
@@ -274,12 +273,13 @@ impl Signals {
         let stands = match self.layout {
             Layout::OnePosition => {
                 let accel_m_s2 = deviation(&reference.reference_n) / axis.drive.total_mass_kg();
-                standstill(&positions[0].x_m, self.rate_hz, (self.steps_m[0], accel_m_s2))
+                let common = (self.steps_m[0], rms(&out.velocity[0]), accel_m_s2);
+                standstill(&positions[0].x_m, self.rate_hz, common)
             }
             Layout::TwoPositions | Layout::Locked => Vec::new(),
         };
         let masked = near(mask, self.kernels[0].half());
-        let rests = near(&stands, (RING / self.band_hz * self.rate_hz) as usize);
+        let rests = near(&stands, (ring_s(self.band_hz) * self.rate_hz) as usize);
         Ok(Track {
             experiment: recording.experiment.clone(),
             start_s: recording.start_s,

@@ -1,19 +1,23 @@
 //! When an axis stands still: dry friction then balances whatever there is, up to its level, and a balance of
 //! forces says nothing.
 
-/// Standing over the time of turning round, at least: what is shorter is turning round.
-const LONGER: f64 = 2.0;
-/// Way of an axis that stands over the step of its encoder: one may flip.
-const STEPS: f64 = 1.5;
+use crate::diagnosis::criteria::Criteria;
 
-/// Rows in which an axis stands still: it stays within a step q for longer than where it turns round under a
-/// common acceleration a, 2 (2 q / a)^(1/2).
+/// Rows in which an axis stands still: it stays within a step q, which may flip, for twice as long as where
+/// it turns round under a common acceleration a, 2 (2 q / a)^(1/2), and for as long as a common speed takes
+/// over ten steps.
 ///
 /// Checked by: tests::a_stop_is_found_and_turning_round_is_none.
-pub(super) fn standstill(x_m: &[f64], rate_hz: f64, (step_m, accel_m_s2): (f64, f64)) -> Vec<bool> {
+pub(super) fn standstill(
+    x_m: &[f64],
+    rate_hz: f64,
+    (step_m, speed_m_s, accel_m_s2): (f64, f64, f64),
+) -> Vec<bool> {
+    let c = &Criteria::STANDARD;
     let turn_s = 2.0 * (2.0 * step_m / accel_m_s2.max(f64::MIN_POSITIVE)).sqrt();
-    let least = ((LONGER * turn_s * rate_hz).ceil() as usize).max(3);
-    let within = |[low, high]: [f64; 2]| high - low <= STEPS * step_m;
+    let creep_s = step_m / (c.step_share * speed_m_s).max(f64::MIN_POSITIVE);
+    let least = (((2.0 * turn_s).max(creep_s) * rate_hz).ceil() as usize).max(3);
+    let within = |[low, high]: [f64; 2]| high - low < c.other_step * step_m;
     let wider = |[low, high]: [f64; 2], x: f64| [low.min(x), high.max(x)];
     let mut out = vec![false; x_m.len()];
     let (mut begin, mut ends) = (0, [f64::INFINITY, f64::NEG_INFINITY]);
@@ -54,7 +58,7 @@ mod tests {
             }
         };
         let x: Vec<f64> = (0..2100).map(|k| (at(f64::from(k) / rate_hz) / step_m).round() * step_m).collect();
-        let found = standstill(&x, rate_hz, (step_m, accel_m_s2));
+        let found = standstill(&x, rate_hz, (step_m, 0.5, accel_m_s2));
         let rows: Vec<usize> = (0..x.len()).filter(|k| found[*k]).collect();
         // Within a step from 4 ms before the stop to 4 ms after.
         assert!(rows.first().is_some_and(|k| (494..=500).contains(k)), "{rows:?}");
@@ -66,7 +70,7 @@ mod tests {
     fn a_long_creep_takes_no_longer_than_a_walk() {
         // A million rows that leave a step only slowly: each looks back no further than a stop takes.
         let x: Vec<f64> = (0..1_000_000).map(|k| 1e-9 * f64::from(k)).collect();
-        let found = standstill(&x, 1000.0, (1e-3, 1e-6));
+        let found = standstill(&x, 1000.0, (1e-3, 1e-3, 1e-3));
         assert!(found[500_000]);
     }
 }

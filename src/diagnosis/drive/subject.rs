@@ -11,6 +11,7 @@ use super::state::{Accepted, Balance, State};
 use crate::diagnosis::criteria::Criteria;
 use crate::diagnosis::selection::{Fitted, Screened, Subject, Work};
 use crate::diagnosis::two_cores::on_two_cores;
+use crate::plant::effects::EffectKind;
 use crate::plant::effects::Port;
 use std::sync::Mutex;
 
@@ -402,6 +403,19 @@ impl Subject for Drive<'_> {
             || h.law().is_void(&model.ground(self.balance), &amplitudes);
         model.take_up(self.balance, Accepted::found(h, amplitudes));
         Some(Fitted { hypothesis: h, model, evidence_nats, level_nats: self.level(state), at_bound })
+    }
+
+    /// A load and a friction that differs between the directions are one but where the axis turns round.
+    /// Where less than a finding needs tells them apart it is a load, which takes nothing else.
+    fn compare(&self, _: &State, fitted: &mut [Fitted<Hypothesis, State>]) {
+        let of = |effect: EffectKind| fitted.iter().position(|f| f.hypothesis.effect == effect);
+        let pair = of(EffectKind::GravityLoad).zip(of(EffectKind::AsymmetricFriction));
+        let Some((load, friction)) = pair else { return };
+        let ahead_nats = fitted[friction].evidence_nats - fitted[load].evidence_nats;
+        if !fitted[load].at_bound && (0.0..fitted[load].level_nats).contains(&ahead_nats) {
+            let [load_nats, friction_nats] = [load, friction].map(|k| fitted[k].evidence_nats);
+            (fitted[load].evidence_nats, fitted[friction].evidence_nats) = (friction_nats, load_nats);
+        }
     }
 
     fn settle(&self, before: &State, state: State, work: &mut Work) -> (State, f64) {

@@ -4,18 +4,9 @@
 //! it, and friction that turns over less than they make is noise. Of one position the band is the one in
 //! which mass, damper, dry friction, a load and a spring leave least of the thrust.
 
-use super::signals::{KERNELS, Path, Read, Signals, Track, inside};
 use crate::diagnosis::criteria::Criteria;
 use crate::diagnosis::encoder_noise::SpeedOfStep;
-use crate::plant::effects::coulomb_friction::sliding_direction;
 use crate::plant::machine::AxisModel;
-use nalgebra::{SMatrix, SVector};
-
-/// Acceleration, speed, dry friction, load, spring, when the thrust acts.
-const COLUMNS: usize = 6;
-
-type Row = SVector<f64, COLUMNS>;
-type Products = SMatrix<f64, COLUMNS, COLUMNS>;
 
 /// Where friction is told to turn.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,22 +29,20 @@ pub(super) struct Bands<'a> {
 }
 
 impl<'a> Bands<'a> {
-    /// `shortest`: rows of the shortest recording.
+    /// `narrowest_hz`: what the shortest recording has room for.
     pub(super) fn new(
         axis: &'a AxisModel,
         (band_hz, rate_hz): (f64, f64),
-        shortest: usize,
+        narrowest_hz: f64,
         of_step: &'a [SpeedOfStep; 2],
     ) -> Self {
-        let least_hz = Criteria::STANDARD.velocity_band_share * rate_hz;
-        let narrowest_hz = (0.15 * least_hz).max(KERNELS * rate_hz / shortest as f64);
+        let least_hz = Criteria::STANDARD.band_share[0] * rate_hz;
         Self { axis, of_step, band_hz, least_hz, narrowest_hz }
     }
 
-    /// As stated, or over what the steps of an encoder make in a band.
-    fn smoothing_m_s(&self, of_step: &SpeedOfStep, hz: f64) -> f64 {
+    /// As stated, or no less than what the steps of an encoder make.
+    fn smoothing_m_s(&self, of_steps_m_s: f64) -> f64 {
         let drive = &self.axis.drive;
-        let of_steps_m_s = of_step.at_m_s(hz) / Criteria::STANDARD.step_share;
         drive.raw().friction_smoothing_m_s.unwrap_or(drive.friction_smoothing_m_s().max(of_steps_m_s))
     }
 
@@ -61,18 +50,19 @@ impl<'a> Bands<'a> {
     pub(super) fn of_two(&self) -> Turning {
         let [motor, stage] = self.of_step;
         let coarser = if stage.step_m > motor.step_m { stage } else { motor };
-        let smoothing_m_s = self.smoothing_m_s(coarser, self.least_hz.min(self.band_hz));
-        let clean_hz = |s: &SpeedOfStep| {
-            let hz = s.band_hz(Criteria::STANDARD.step_share * smoothing_m_s);
-            hz.max(self.narrowest_hz).min(self.band_hz)
-        };
+        let share = Criteria::STANDARD.step_share;
+        let at_least = |hz: f64| self.smoothing_m_s(coarser.at_m_s(hz) / share);
+        let smoothing_m_s = at_least(self.least_hz.min(self.band_hz));
+        let clean_hz =
+            |s: &SpeedOfStep| s.band_hz(share * smoothing_m_s).max(self.narrowest_hz).min(self.band_hz);
         Turning {
             velocity_hz: self.of_step.each_ref().map(clean_hz),
-            smoothing_m_s: smoothing_m_s.max(self.smoothing_m_s(coarser, clean_hz(coarser))),
+            smoothing_m_s: smoothing_m_s.max(at_least(clean_hz(coarser))),
         }
     }
 
-    /// Of one position: from the widest that a balance may have, by halves.
+    /// Of one position: from the widest that a balance may have, by halves. The balance averages what
+    /// friction turns too far by a step, and the forms beside it turn later.
     pub(super) fn of_one(&self) -> impl Iterator<Item = Turning> {
         let c = &Criteria::STANDARD;
         let of_step = &self.of_step[0];
@@ -80,41 +70,6 @@ impl<'a> Bands<'a> {
         let halves = std::iter::successors(Some(widest_hz), |hz| Some(0.5 * hz));
         halves
             .take_while(move |hz| *hz == widest_hz || *hz >= self.narrowest_hz)
-            .map(|hz| Turning { velocity_hz: [hz; 2], smoothing_m_s: self.smoothing_m_s(of_step, hz) })
+            .map(|hz| Turning { velocity_hz: [hz; 2], smoothing_m_s: self.smoothing_m_s(of_step.at_m_s(hz)) })
     }
-}
-
-/// Square sum of what is left of the thrust, each recording with numbers of its own.
-pub(super) fn left(signals: &Signals, positions: &[Vec<Read>], turning: &Turning) -> f64 {
-    let of = |(track, read): (&Track, &Vec<Read>)| {
-        let Some(read) = read.first() else { return 0.0 };
-        let kernel = signals.low_pass(turning.velocity_hz[0], 1, read.delay_s);
-        let local: Vec<f64> = read.x_m.iter().map(|x| x - read.x_m[0]).collect();
-        let v = inside(&kernel, &local, vec![0.0; local.len()]);
-        let v = &v[track.full_first..v.len() - track.full_first];
-        let dry: Vec<f64> = v.iter().map(|v| sliding_direction(*v, turning.smoothing_m_s)).collect();
-        let dry = signals.filtered(track, &dry, 0);
-        let thrust = signals.thrust(track, Path { delay_s: 0.0, loop_rad_s: None });
-        let (mut normal, mut pull, mut power) = (Products::zeros(), Row::zeros(), 0.0);
-        let t = &track.thin;
-        for j in (1..thrust.len().saturating_sub(1)).filter(|j| !track.masked[*j] && !track.rests[*j]) {
-            let (x, rate) = (t.position[j] - t.position[0], thrust[j + 1] - thrust[j - 1]);
-            let row = Row::from([t.accel[0][j], t.velocity[0][j], dry[j], 1.0, x, rate]);
-            normal += row * row.transpose();
-            pull += row * thrust[j];
-            power += thrust[j] * thrust[j];
-        }
-        power - explained(&normal, &pull)
-    };
-    signals.tracks.iter().zip(positions).map(of).sum()
-}
-
-/// Square sum that columns of these products explain.
-fn explained(normal: &Products, pull: &Row) -> f64 {
-    // To columns of unit size: metres stand beside metres per square second; one that is nothing is held.
-    let scale = normal.diagonal().map(|d| d.max(f64::MIN_POSITIVE).sqrt().recip());
-    let unit = Products::from_diagonal(&scale);
-    let scaled = unit * normal * unit + Products::identity() * 1e-10;
-    let pull = scale.component_mul(pull);
-    scaled.lu().solve(&pull).map_or(0.0, |beta| beta.dot(&pull))
 }

@@ -51,37 +51,42 @@ impl Cut {
         CUT_HARMONICS.min(((signals.top_hz() / self.hz) as usize).max(1))
     }
 
-    /// True for what the k-th harmonic of an encoder's steps makes at an even speed: |k v / q - n rate|. The
-    /// control answers the steps faster than the log is written. Of a speed that is known to q / T the
-    /// harmonics are told to (k + 1) / T; they are asked as long as they fill less than [`BEATS`] of all
-    /// frequencies.
+    /// True where it is what the steps of the encoder beat at the even speed of the middle half of its
+    /// window: at the ends there may be starts and stops.
     fn is_beat(&self, signals: &Signals, track: &Track) -> bool {
-        let (step_m, each_s) = (signals.steps_m[0], signals.step as f64 / track.rate_hz);
         let [start_s, end_s] = self.window_s;
-        // The middle half: at its ends a window may hold starts and stops.
         let inside = |j: &usize| {
             let t_s = track.thin_s(*j, signals.step);
             (t_s - 0.5 * (start_s + end_s)).abs() < 0.25 * (end_s - start_s)
         };
         let x: Vec<f64> = (0..track.thin_count()).filter(inside).map(|j| track.thin.position[j]).collect();
         let (Some(first), Some(last)) = (x.first(), x.last()) else { return false };
-        let way = |k: usize| k as f64 / (x.len() - 1).max(1) as f64 * (last - first);
-        let is_even = x.iter().enumerate().all(|(k, x)| (x - first - way(k)).abs() < 2.0 * step_m);
-        let long_s = (x.len() - 1) as f64 * each_s;
-        let steps_s = (last - first) / (step_m * long_s).max(f64::MIN_POSITIVE);
-        let mut filled = 0.0;
-        (1..)
-            .map(|k| (f64::from(k) * steps_s, f64::from(k + 1) / long_s))
-            .take_while(|(_, within_hz)| {
-                filled += 4.0 * within_hz / track.rate_hz;
-                filled < BEATS
-            })
-            .any(|(hz, within_hz)| {
-                let beat_hz = (hz - track.rate_hz * (hz / track.rate_hz).round()).abs();
-                (beat_hz - self.hz).abs() < within_hz
-            })
-            && is_even
+        let step_m = signals.steps_m[0];
+        let way_m = |k: usize| k as f64 / (x.len() - 1).max(1) as f64 * (last - first);
+        let is_even = x.iter().enumerate().all(|(k, x)| (x - first - way_m(k)).abs() < 2.0 * step_m);
+        let long_s = (x.len() - 1) as f64 * signals.step as f64 / track.rate_hz;
+        let steps_s = (last - first).abs() / (step_m * long_s).max(f64::MIN_POSITIVE);
+        is_even && beats((steps_s, long_s), track.rate_hz, self.hz)
     }
+}
+
+/// True for the k-th harmonic of so many steps a second in a log of that rate, |k n - m rate|: the control
+/// answers steps faster than the log is written. Of a number of steps that is known to 1 / T the harmonics
+/// are told to (k + 1) / T; they are asked as long as they fill less than [`BEATS`] of all frequencies.
+///
+/// Checked by: tests::a_beat_is_the_harmonic_of_the_steps_that_the_log_folds.
+fn beats((steps_s, long_s): (f64, f64), rate_hz: f64, hz: f64) -> bool {
+    let mut filled = 0.0;
+    (1..)
+        .map(|k| (f64::from(k) * steps_s, f64::from(k + 1) / long_s))
+        .take_while(|(_, within_hz)| {
+            filled += 4.0 * within_hz / rate_hz;
+            filled < BEATS
+        })
+        .any(|(of_steps_hz, within_hz)| {
+            let folded_hz = (of_steps_hz - rate_hz * (of_steps_hz / rate_hz).round()).abs();
+            (folded_hz - hz).abs() < within_hz
+        })
 }
 
 impl Law for Cut {
@@ -290,4 +295,18 @@ fn longest_run(flags: &[bool]) -> Option<(usize, usize)> {
         }
     }
     (best.1 > best.0).then_some(best)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::beats;
+
+    /// Three times 5012 1/3 steps a second are 15037: 37 Hz of a log of 1 kHz.
+    #[test]
+    fn a_beat_is_the_harmonic_of_the_steps_that_the_log_folds() {
+        assert!(beats((15_037.0 / 3.0, 10.0), 1000.0, 37.0));
+        assert!(!beats((15_037.0 / 3.0, 10.0), 1000.0, 41.0));
+        // In too short a time anything might be one: the third is not asked.
+        assert!(!beats((15_037.0 / 3.0, 0.5), 1000.0, 37.0));
+    }
 }
