@@ -15,6 +15,7 @@ use super::numbers::{self, Absent, Doubt, absent, corrections, doubt, fit_withou
 use super::recorded::position_at;
 use super::rest::{Rest, rest, rest_of, spans_s};
 use super::series::{Residuals, contribution, contribution_of_number, of_recording, residuals};
+use super::signals::Track;
 use super::spectra::FOLDS;
 use super::state::{Accepted, Balance, Number, State};
 use super::words::{specification, statement, term_of, told};
@@ -455,24 +456,26 @@ impl Case<'_> {
 
     pub(super) fn recording_fits(&self, series: &Residuals, unexplained: bool) -> Vec<RecordingFit> {
         let s = &self.balance.signals;
-        let power = |sides: &[Vec<f64>], masked: &[bool]| {
-            let measured = |x: &Vec<f64>| {
-                let kept = x.iter().zip(masked).filter(|(_, m)| !**m).map(|(v, _)| *v);
-                rms(&kept.collect::<Vec<f64>>()).powi(2)
+        // Of what is judged: measured, and not at rest.
+        let power = |sides: &[Vec<f64>], track: &Track| {
+            let judged = |j: &usize| !track.masked[*j] && !track.rests[*j];
+            let of = |x: &Vec<f64>| {
+                let kept: Vec<f64> = (0..x.len()).filter(judged).map(|j| x[j]).collect();
+                rms(&kept).powi(2)
             };
-            (sides.iter().map(measured).sum::<f64>() / sides.len().max(1) as f64).sqrt()
+            (sides.iter().map(of).sum::<f64>() / sides.len().max(1) as f64).sqrt()
         };
         let blank = |sides: &[Vec<f64>], masked: &[bool]| -> Vec<Vec<f64>> {
             let of = |x: &Vec<f64>| x.iter().zip(masked).map(|(v, m)| if *m { 0.0 } else { *v }).collect();
             sides.iter().map(of).collect()
         };
-        let of = |(r, track): (usize, &super::signals::Track)| {
+        let of = |(r, track): (usize, &Track)| {
             let after = if unexplained { &series.before[r] } else { &series.after[r] };
             let written = if unexplained { &series.nominal[r] } else { &series.after[r] };
             RecordingFit {
                 experiment: track.experiment.clone(),
-                rms_before_n: power(&series.nominal[r], &track.masked),
-                rms_after_n: power(written, &track.masked),
+                rms_before_n: power(&series.nominal[r], track),
+                rms_after_n: power(written, track),
                 t_s: (0..track.thin_count()).map(|j| track.start_s + track.thin_s(j, s.step)).collect(),
                 measured: track.masked.iter().map(|m| !m).collect(),
                 position_m: track.thin.position.clone(),
