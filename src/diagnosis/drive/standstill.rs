@@ -2,6 +2,7 @@
 //! forces says nothing.
 
 use crate::diagnosis::criteria::Criteria;
+use std::collections::VecDeque;
 
 /// Rows in which an axis stands still: it stays within a step q, which may flip, for twice as long as where
 /// it turns round under a common acceleration a, 2 (2 q / a)^(1/2), and for as long as a common speed takes
@@ -17,27 +18,40 @@ pub(super) fn standstill(
     let turn_s = 2.0 * (2.0 * step_m / accel_m_s2.max(f64::MIN_POSITIVE)).sqrt();
     let creep_s = step_m / (c.step_share * speed_m_s).max(f64::MIN_POSITIVE);
     let least = (((2.0 * turn_s).max(creep_s) * rate_hz).ceil() as usize).max(3);
-    let within = |[low, high]: [f64; 2]| high - low < c.other_step * step_m;
-    let wider = |[low, high]: [f64; 2], x: f64| [low.min(x), high.max(x)];
+    let length_m = c.other_step * step_m;
     let mut out = vec![false; x_m.len()];
-    let (mut begin, mut ends) = (0, [f64::INFINITY, f64::NEG_INFINITY]);
+    // Rows of a window that may yet be its highest and its lowest, in order.
+    let (mut highest, mut lowest) = (VecDeque::new(), VecDeque::new());
+    let (mut begin, mut marked) = (0, 0);
     for (k, x) in x_m.iter().enumerate() {
-        ends = wider(ends, *x);
-        if !within(ends) {
-            // Back from here as far as that goes, and no further than it takes.
-            (begin, ends) = (k, [*x; 2]);
-            while begin > 0 && k - begin < least && within(wider(ends, x_m[begin - 1])) {
-                begin -= 1;
-                ends = wider(ends, x_m[begin]);
-            }
+        keep(&mut highest, k, |other: &usize| x_m[*other] > *x);
+        keep(&mut lowest, k, |other: &usize| x_m[*other] < *x);
+        while x_m[highest[0]] - x_m[lowest[0]] > length_m {
+            begin += 1;
+            drop_before(&mut highest, begin);
+            drop_before(&mut lowest, begin);
         }
-        let length = k + 1 - begin;
-        if length >= least {
-            let new = if length == least { begin } else { k };
-            out[new..=k].fill(true);
+        if k + 1 - begin >= least {
+            out[begin.max(marked)..=k].fill(true);
+            marked = k + 1;
         }
     }
     out
+}
+
+/// Takes a row behind those that it does not outdo.
+fn keep(rows: &mut VecDeque<usize>, row: usize, outdoes: impl Fn(&usize) -> bool) {
+    while rows.back().is_some_and(|other| !outdoes(other)) {
+        rows.pop_back();
+    }
+    rows.push_back(row);
+}
+
+/// Drops rows before the first.
+fn drop_before(rows: &mut VecDeque<usize>, first: usize) {
+    while rows.front().is_some_and(|row| *row < first) {
+        rows.pop_front();
+    }
 }
 
 #[cfg(test)]
@@ -68,7 +82,7 @@ mod tests {
 
     #[test]
     fn a_long_creep_takes_no_longer_than_a_walk() {
-        // A million rows that leave a step only slowly: each looks back no further than a stop takes.
+        // A million rows that leave a step only slowly: a row enters and leaves the window once.
         let x: Vec<f64> = (0..1_000_000).map(|k| 1e-9 * f64::from(k)).collect();
         let found = standstill(&x, 1000.0, (1e-3, 1e-3, 1e-3));
         assert!(found[500_000]);
