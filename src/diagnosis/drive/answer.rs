@@ -456,33 +456,32 @@ impl Case<'_> {
 
     pub(super) fn recording_fits(&self, series: &Residuals, unexplained: bool) -> Vec<RecordingFit> {
         let s = &self.balance.signals;
-        // Of what is judged: measured, and not at rest.
-        let power = |sides: &[Vec<f64>], track: &Track| {
-            let judged = |j: &usize| !track.masked[*j] && !track.rests[*j];
+        let power = |sides: &[Vec<f64>], judged: &[bool]| {
             let of = |x: &Vec<f64>| {
-                let kept: Vec<f64> = (0..x.len()).filter(judged).map(|j| x[j]).collect();
-                rms(&kept).powi(2)
+                let kept = x.iter().zip(judged).filter(|(_, judged)| **judged).map(|(v, _)| *v);
+                rms(&kept.collect::<Vec<f64>>()).powi(2)
             };
             (sides.iter().map(of).sum::<f64>() / sides.len().max(1) as f64).sqrt()
         };
-        let blank = |sides: &[Vec<f64>], masked: &[bool]| -> Vec<Vec<f64>> {
-            let of = |x: &Vec<f64>| x.iter().zip(masked).map(|(v, m)| if *m { 0.0 } else { *v }).collect();
+        let blank = |sides: &[Vec<f64>], judged: &[bool]| -> Vec<Vec<f64>> {
+            let of = |x: &Vec<f64>| x.iter().zip(judged).map(|(v, j)| if *j { *v } else { 0.0 }).collect();
             sides.iter().map(of).collect()
         };
         let of = |(r, track): (usize, &Track)| {
             let after = if unexplained { &series.before[r] } else { &series.after[r] };
             let written = if unexplained { &series.nominal[r] } else { &series.after[r] };
+            let judged = track.judged();
             RecordingFit {
                 experiment: track.experiment.clone(),
-                rms_before_n: power(&series.nominal[r], track),
-                rms_after_n: power(written, track),
+                rms_before_n: power(&series.nominal[r], &judged),
+                rms_after_n: power(written, &judged),
                 t_s: (0..track.thin_count()).map(|j| track.start_s + track.thin_s(j, s.step)).collect(),
                 measured: track.masked.iter().map(|m| !m).collect(),
                 position_m: track.thin.position.clone(),
                 velocity_m_s: track.thin.velocity[s.sides() - 1].clone(),
-                residual_nominal_n: blank(&series.nominal[r], &track.masked),
-                residual_before_n: blank(&series.before[r], &track.masked),
-                residual_after_n: blank(after, &track.masked),
+                residual_nominal_n: blank(&series.nominal[r], &judged),
+                residual_before_n: blank(&series.before[r], &judged),
+                residual_after_n: blank(after, &judged),
             }
         };
         s.tracks.iter().enumerate().map(of).collect()

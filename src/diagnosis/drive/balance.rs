@@ -4,10 +4,11 @@ use super::columns::{Ground, TimeColumn, derivative};
 use super::gram::{BandGram, Column, Gram, Part};
 use super::likelihood::{Design, Fit, Spread, values, weights_of};
 use super::number::{Mechanics, Number, TURNING};
-use super::signals::{Layout, Path, Signals};
+use super::signals::{Layout, Path, Signals, Track};
 use super::spectra::{FOLDS, Plan, Series};
 use crate::plant::drive::DriveParams;
 use crate::plant::effects::Port;
+use std::borrow::Cow;
 use std::sync::Arc;
 
 /// A central difference of the thrust over its time of arrival, samples.
@@ -171,9 +172,15 @@ impl Balance {
         }
     }
 
-    /// A series in which nothing is where the axis rests.
-    fn moving(&self, series: &Series) -> Series {
-        series.iter().enumerate().map(|(r, x)| self.signals.moving(x, r)).collect()
+    /// A series in which nothing is where the axis rests, which one position alone tells.
+    fn moving<'a>(&self, series: &'a Series) -> Cow<'a, Series> {
+        if self.signals.layout != Layout::OnePosition {
+            return Cow::Borrowed(series);
+        }
+        let of = |(x, track): (&Vec<f64>, &Track)| -> Vec<f64> {
+            x.iter().zip(&track.rests).map(|(x, rests)| if *rests { 0.0 } else { *x }).collect()
+        };
+        Cow::Owned(series.iter().zip(&self.signals.tracks).map(of).collect())
     }
 
     /// What is fitted to: the thrust at the motor, nothing at the stage.

@@ -185,7 +185,7 @@ pub(in crate::diagnosis) fn diagnose(
     let mut work = work_of(options, recordings);
     let (axis, balance) = together(stated, recordings, options, &mut work)?;
     let (start, mut notes) = start_of(&axis, &balance);
-    if stated.drive.structure() != axis.drive.structure() && stated.drive.structure() == Structure::Rigid {
+    if stated.drive.structure() == Structure::Rigid && axis.drive.structure() != Structure::Rigid {
         notes.push(
             "The model has one mass. Its two encoders show two on a spring: what is said is of both, begun \
              from a half at either end."

@@ -68,11 +68,19 @@ fn add(
     }
 }
 
+/// Factors that make columns of these products one in size, metres beside metres per square second, and the
+/// products of what they make.
+pub(super) fn unit_sized<const N: usize>(
+    normal: &SMatrix<f64, N, N>,
+) -> (SVector<f64, N>, SMatrix<f64, N, N>) {
+    let scale = normal.diagonal().map(|d| d.max(f64::MIN_POSITIVE).sqrt().recip());
+    let unit = SMatrix::from_diagonal(&scale);
+    (scale, unit * normal * unit)
+}
+
 /// The coefficients of acceleration and friction.
 fn solved(normal: &Products, pull: &Row) -> Option<Spring> {
-    // To columns of unit size: metres stand beside metres per square second.
-    let scale = normal.diagonal().map(|d| d.max(f64::MIN_POSITIVE).sqrt().recip());
-    let scaled = Products::from_diagonal(&scale) * normal * Products::from_diagonal(&scale);
+    let (scale, scaled) = unit_sized(normal);
     let beta = scaled.lu().solve(&scale.component_mul(pull))?.component_mul(&scale);
     let found = Spring { swing_rad2_s2: beta[0].recip(), wound_m: beta[2].max(0.0) };
     (beta[0] > 0.0).then_some(found)

@@ -53,7 +53,7 @@ fn of(balance: &Balance, state: &State, beta: &[f64], path: Path) -> Vec<Vec<Vec
                             left.iter_mut().zip(&series[r]).for_each(|(l, v)| *l += sign * v);
                         }
                     }
-                    balance.signals.moving(&left, r)
+                    left
                 })
                 .collect()
         })

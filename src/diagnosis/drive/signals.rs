@@ -208,7 +208,8 @@ impl Signals {
             all.map(|(k, (r, read))| signals.track(axis, r, (read, turning.velocity_hz, mask(k)))).collect()
         };
         signals.tracks = read(&signals, &turning)?;
-        let all = bands.of_one().filter(|_| !two).map(|t| (signals.left(&positions, &t), t));
+        let ways: Vec<Turning> = bands.of_one().filter(|_| !two).collect();
+        let all = signals.left(&positions, &ways).into_iter().zip(ways);
         let best = all.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, t)| t);
         if let Some(told) = best.filter(|t| *t != turning) {
             signals.smoothing_m_s = told.smoothing_m_s;
@@ -383,12 +384,6 @@ impl Signals {
         self.kernels[derivative].apply(full, Grid { first: thin.first - track.full_first, ..thin })
     }
 
-    /// A thinned series of a recording, zero where the axis rests.
-    pub(super) fn moving(&self, thin: &[f64], recording: usize) -> Vec<f64> {
-        let rests = &self.tracks[recording].rests;
-        thin.iter().zip(rests).map(|(x, rests)| if *rests { 0.0 } else { *x }).collect()
-    }
-
     /// A full-rate series through the low-pass, its ends as they are.
     pub(super) fn low_passed(&self, full: &[f64]) -> Vec<f64> {
         inside(&self.kernels[0], full, full.to_vec())
@@ -472,6 +467,11 @@ impl Path {
 }
 
 impl Track {
+    /// Thinned samples that are judged: measured, and not at rest.
+    pub(super) fn judged(&self) -> Vec<bool> {
+        self.masked.iter().zip(&self.rests).map(|(masked, rests)| !masked && !rests).collect()
+    }
+
     /// Number of thinned samples.
     pub(super) fn thin_count(&self) -> usize {
         self.thin.position.len()

@@ -68,7 +68,7 @@ mod tests {
                 t if t < 0.5 => -way(0.5 - t),
                 t if t < 0.6 => 0.0,
                 t if t < 1.1 => -way(t - 0.6),
-                t => -way(0.5) + way(0.5) - way(1.6 - t),
+                t => -way(1.6 - t),
             }
         };
         let x: Vec<f64> = (0..2100).map(|k| (at(f64::from(k) / rate_hz) / step_m).round() * step_m).collect();

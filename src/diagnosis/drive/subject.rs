@@ -11,8 +11,7 @@ use super::state::{Accepted, Balance, State};
 use crate::diagnosis::criteria::Criteria;
 use crate::diagnosis::selection::{Fitted, Screened, Subject, Work};
 use crate::diagnosis::two_cores::on_two_cores;
-use crate::plant::effects::EffectKind;
-use crate::plant::effects::Port;
+use crate::plant::effects::{EffectKind, Port};
 use std::sync::Mutex;
 
 /// Largest step of a constant, as a logarithm, and how often it is halved.
