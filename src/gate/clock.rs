@@ -269,7 +269,9 @@ fn drive_offset(work: &Work<'_>, axis: &AxisColumns, drive: usize) -> Option<f64
     let late_s = rows * dt;
     // Interval of the delay: where F of one number is below its quantile; zero must lie outside.
     let outside = now.left > m * (1.0 + c.delay_f / balance.independent);
-    let seen = now.left - m > c.delay_gain * now.left && outside;
+    // Springs, mounts and forces over position lead as well, and a move takes a part of them.
+    let least_gain = if late_s > 0.0 { c.delay_gain } else { c.early_gain };
+    let seen = now.left - m > least_gain * now.left && outside;
     let has_inertia = best.inertia >= c.delay_inertia * best.all;
     let physics = if late_s > 0.0 { late_s <= c.late_s || rows <= c.late_rows } else { -late_s <= c.early_s };
     if !seen || !has_inertia || physics {

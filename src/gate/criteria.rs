@@ -88,6 +88,9 @@ pub struct Criteria {
     pub speed_delay_rows: f64,
     /// Share of what is left that a move in time must take away. Counted.
     pub delay_gain: f64,
+    /// The same where the force is early: a clock explains most of it. Counted: 0.1 to 0.41 of what springs
+    /// and forces over position leave.
+    pub early_gain: f64,
     /// Quantile of F for one number at large samples, 0.1 %.
     pub delay_f: f64,
     /// Share of the force's power that inertia must have for its delay to be seen. Counted.
@@ -159,6 +162,7 @@ impl Default for Criteria {
             scale_error: 0.015,
             speed_delay_rows: 0.75,
             delay_gain: 0.1,
+            early_gain: 0.5,
             delay_f: 10.8,
             delay_inertia: 0.02,
             late_s: 2e-3,

@@ -7,13 +7,13 @@ use super::rows::same_unit;
 use super::work::{Told, Work};
 
 /// Slope of b on a, and how well they agree.
-struct Ratio {
+pub(super) struct Ratio {
     /// Ratio of the spreads: errors are in both.
     of_spreads: f64,
-    correlation: f64,
+    pub(super) correlation: f64,
 }
 
-fn ratio(a: &[f64], b: &[f64]) -> Ratio {
+pub(super) fn ratio(a: &[f64], b: &[f64]) -> Ratio {
     let n = a.len().max(1) as f64;
     let mean = |x: &[f64]| x.iter().sum::<f64>() / n;
     let (ma, mb) = (mean(a), mean(b));
@@ -37,11 +37,8 @@ pub(super) fn wrong_scale(work: &mut Work<'_>, axis: &AxisColumns) {
         // As quickly as the speed follows, as slowly as its steps ask.
         let reach = 2.max(work.updates[speed]).max(work.rows_in(2e-3));
         let v = travel(work.values(position), reach, work.period_s());
-        let kept = |x: &[f64]| -> Vec<f64> {
-            x.iter().zip(&work.usable).filter(|(_, u)| **u).map(|(v, _)| *v).collect()
-        };
         let logged = super::motion::averaged(work.values(speed), reach);
-        let Ratio { of_spreads: k, correlation: r } = ratio(&kept(&v), &kept(&logged));
+        let Ratio { of_spreads: k, correlation: r } = ratio(&work.kept(&v), &work.kept(&logged));
         let margin = 1.0 + c.scale_error;
         let inside = (r.abs() * k / margin..=k / r.abs() * margin).contains(&1.0);
         if r.abs() <= c.scale_correlation || inside && r > 0.0 {

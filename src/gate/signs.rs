@@ -4,6 +4,7 @@
 use super::columns::{AxisColumns, Role};
 use super::fault::{Action, FaultKind};
 use super::motion::Motion;
+use super::scaling::ratio;
 use super::statistics::{changes, deviation, median, percentile};
 use super::work::{Told, Work, stretches};
 
@@ -109,9 +110,25 @@ fn goes_anywhere(work: &Work<'_>, position: usize) -> bool {
     super::statistics::range(x) > STEPS * work.step(position)
 }
 
+/// Two positions of one axis that run against one another: one counts the other way round, the one against
+/// which the drive works.
+pub(super) fn opposite(work: &mut Work<'_>, axis: &AxisColumns) {
+    let positions: Vec<usize> = axis.with(Role::Position).filter(|p| !work.silent[*p]).collect();
+    let [first, second] = positions[..] else { return };
+    // Of the places: speeds of the two ends of a spring are opposite above its resonance as well.
+    let [a, b] = [first, second].map(|p| work.kept(work.values(p)));
+    if ratio(&a, &b).correlation > -work.criteria.scale_correlation {
+        return;
+    }
+    let drive = drives(work, axis).into_iter().next();
+    let power = |position: usize| drive.map(|d| power_share(work, d, &Motion::of_position(work, position)));
+    let (turned, other) = if power(first) < power(second) { (first, second) } else { (second, first) };
+    let (name, other) = (work.name(turned), work.name(other));
+    let statement = format!("{name} counts against {other} and against the drive; its sign was turned.");
+    turn(work, turned, &name, statement);
+}
+
 /// An axis with friction takes power and gives none.
-///
-/// b = sum (u - u_0) v / sum |(u - u_0) v|, u_0: mean of the medians of both directions
 pub(super) fn wrong_sign(work: &mut Work<'_>, axis: &AxisColumns) {
     let Some(motion) = Motion::of(work, axis) else { return };
     if motion.both_ways().iter().any(|share| *share < work.criteria.sign_both_ways) {
@@ -121,39 +138,37 @@ pub(super) fn wrong_sign(work: &mut Work<'_>, axis: &AxisColumns) {
         if work.has(column, FaultKind::Rectified) {
             continue;
         }
-        let u = work.values(column);
-        let of = |up: bool| {
-            let rows = u
-                .iter()
-                .zip(&motion.speed)
-                .filter(|(_, v)| if up { **v > motion.rest } else { **v < -motion.rest });
-            median(&rows.map(|(u, _)| *u).collect::<Vec<_>>())
-        };
-        let offset = 0.5 * (of(true) + of(false));
-        let (mut net, mut all) = (0.0, 0.0);
-        for (u, v) in u.iter().zip(&motion.speed) {
-            let power = (u - offset) * v;
-            net += power;
-            all += power.abs();
-        }
-        if net >= work.criteria.against_motion * all {
+        let share = power_share(work, column, &motion);
+        if share >= work.criteria.against_motion {
             continue;
         }
-        for v in &mut work.recording.columns[column].values {
-            *v = -*v;
-        }
         let name = work.name(column);
+        let percent = 50.0 * (1.0 - share);
         let statement = format!(
-            "{name} drives against the motion: {:.0} % of its power is taken from the axis; its sign was \
-             turned.",
-            50.0 * (1.0 - net / all)
+            "{name} drives against the motion: {percent:.0} % of its power is taken from the axis; its sign \
+             was turned."
         );
-        work.tell(Told {
-            column: &name,
-            kind: FaultKind::WrongSign,
-            action: Action::Correct,
-            rows: &[],
-            statement,
-        });
+        turn(work, column, &name, statement);
     }
+}
+
+/// Share of a drive's power that the motion takes, -1 to 1.
+///
+/// b = sum (u - u_0) v / sum |(u - u_0) v|, u_0: mean of the medians of both directions
+fn power_share(work: &Work<'_>, drive: usize, motion: &Motion) -> f64 {
+    let u = work.values(drive);
+    let of = |way: f64| {
+        let rows = u.iter().zip(&motion.speed).filter(|(_, v)| way * **v > motion.rest);
+        median(&rows.map(|(u, _)| *u).collect::<Vec<_>>())
+    };
+    let offset = 0.5 * (of(1.0) + of(-1.0));
+    let power = || u.iter().zip(&motion.speed).map(|(u, v)| (u - offset) * v);
+    power().sum::<f64>() / power().map(f64::abs).sum::<f64>().max(f64::MIN_POSITIVE)
+}
+
+/// Turns a column's sign and tells it.
+fn turn(work: &mut Work<'_>, column: usize, name: &str, statement: String) {
+    work.recording.columns[column].values.iter_mut().for_each(|v| *v = -*v);
+    let kind = FaultKind::WrongSign;
+    work.tell(Told { column: name, kind, action: Action::Correct, rows: &[], statement });
 }

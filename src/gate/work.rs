@@ -69,6 +69,11 @@ impl<'a> Work<'a> {
         &self.recording.columns[column].values
     }
 
+    /// What of a series is of usable rows.
+    pub(super) fn kept(&self, x: &[f64]) -> Vec<f64> {
+        x.iter().zip(&self.usable).filter(|(_, usable)| **usable).map(|(x, _)| *x).collect()
+    }
+
     pub(super) fn name(&self, column: usize) -> String {
         self.recording.columns[column].name.clone()
     }

@@ -531,6 +531,26 @@ fn a_late_position_is_moved_and_a_soft_spring_is_not() {
     assert!(!named(&gate(&logged).faults).iter().any(|f| f.0 == "clock_offset"));
 }
 
+/// Of two positions the one against which the drive works is turned, whichever it is.
+#[test]
+fn an_encoder_that_counts_the_other_way_round_is_turned() {
+    const STAGE: &str = "x_stage_position_m";
+    for column in [POSITION, STAGE] {
+        let mut logged = drive();
+        let x = logged.recording.get(POSITION).unwrap().to_vec();
+        logged.recording.columns.push(Column { name: STAGE.into(), values: x.clone() });
+        let turned = |gated: &Gated| {
+            let of_signs = gated.faults.iter().filter(|f| f.kind == FaultKind::WrongSign);
+            of_signs.map(|f| f.column.clone()).collect::<Vec<_>>()
+        };
+        assert!(turned(&gate(&logged)).is_empty());
+        values(&mut logged, column).iter_mut().for_each(|v| *v = -*v);
+        let gated = gate(&logged);
+        assert_eq!(turned(&gated), [column]);
+        assert_eq!(gated.recording.get(column).unwrap(), x);
+    }
+}
+
 /// A line of the mains stands alone; of the lines of an excitation one lies there by chance.
 #[test]
 fn a_line_among_equals_is_no_line_of_the_mains() {

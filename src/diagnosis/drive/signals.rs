@@ -272,11 +272,7 @@ impl Signals {
             (0..thin.count).map(|j| of(thin_first + j * self.step)).collect()
         };
         let stands = match self.layout {
-            Layout::OnePosition => {
-                let accel_m_s2 = deviation(&reference.reference_n) / axis.drive.total_mass_kg();
-                let common = (self.steps_m[0], rms(&out.velocity[0]), accel_m_s2);
-                standstill(&positions[0].x_m, self.rate_hz, common)
-            }
+            Layout::OnePosition => standstill(&positions[0].x_m, self.steps_m[0]),
             Layout::TwoPositions | Layout::Locked => Vec::new(),
         };
         let masked = near(mask, self.kernels[0].half());

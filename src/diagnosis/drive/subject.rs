@@ -160,7 +160,7 @@ impl<'a> Drive<'a> {
                 k += 1;
                 continue;
             }
-            let cost = price(law.coefficients() + law.hypothesis.constants(), total);
+            let cost = price(law.amplitudes.len() + law.hypothesis.constants(), total);
             let mut others = state.clone();
             others.accepted.remove(k);
             let others = self.settled(others, PASSES / 2, work);
@@ -180,7 +180,16 @@ impl<'a> Drive<'a> {
         }
         for k in 0..state.accepted.len() {
             let a = &state.accepted[k];
-            if a.hypothesis.constants() == 0 || a.is_one_column() {
+            if a.is_one_column() {
+                // Its form was found beside less than stands now.
+                if a.given.is_none() && work.take(forms(a)) {
+                    let form = self.form(&state, k);
+                    state.accepted[k].amplitudes =
+                        form.unwrap_or_else(|| state.accepted[k].amplitudes.clone());
+                }
+                continue;
+            }
+            if a.hypothesis.constants() == 0 {
                 continue;
             }
             let count = a.hypothesis.constants() as u64;
@@ -192,6 +201,19 @@ impl<'a> Drive<'a> {
             }
         }
         Some(state)
+    }
+
+    /// Amplitudes of a law that enters as one column, each free beside all else.
+    fn form(&self, state: &State, k: usize) -> Option<Vec<f64>> {
+        let (base, a) = (&state.base, &state.accepted[k]);
+        let before = state.accepted[..k].iter().map(Accepted::coefficients).sum::<usize>();
+        let own = base.numbers.len() + before;
+        let (gram, design, beta) = base.fitted();
+        let mut design = design.clone();
+        design.bounds[own] = [beta[own]; 2];
+        let more =
+            self.free_step((gram, &design, beta), &a.hypothesis.columns(&state.ground(self.balance)))?;
+        Some(a.amplitudes.iter().zip(more).map(|(a, more)| a + more).collect())
     }
 
     /// One Gauss-Newton step of an accepted law.
@@ -215,6 +237,11 @@ impl<'a> Drive<'a> {
         let step = design.fit(&bands, start, weights).beta.split_off(beta.len());
         step.iter().all(|s| s.is_finite()).then_some(step)
     }
+}
+
+/// Evaluations that the form of a law of many amplitudes costs.
+fn forms(law: &Accepted) -> u64 {
+    1 + u64::try_from(law.amplitudes.len()).unwrap_or(u64::MAX) / 8
 }
 
 /// What scores best of all that was asked for one hypothesis.
@@ -429,7 +456,7 @@ impl State {
     /// Gain over another state, less the price of what this one has taken up more, nats.
     pub(super) fn gain_nats(&self, before: &Self) -> f64 {
         let constants =
-            |s: &Self| s.accepted.iter().map(|a| a.coefficients() + a.hypothesis.constants()).sum();
+            |s: &Self| s.accepted.iter().map(|a| a.amplitudes.len() + a.hypothesis.constants()).sum();
         let of = |s: &Self| s.base.fit.nats + price(constants(s), values(&s.base.all));
         of(before) - of(self)
     }

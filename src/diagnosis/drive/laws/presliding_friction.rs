@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::plant::effects::presliding_friction as law;
+use std::f64::consts::LN_2;
 
 pub(super) const EFFECT: Effect = Effect {
     candidates: |search| {
@@ -72,7 +73,8 @@ impl Law for Presliding {
         &[(Over::Speed, true)]
     }
 
+    /// After a reversal the bristle pulls neither way at y ln 2, the usual form at the least way.
     fn is_usual(&self, ground: &Ground<'_>, _: f64, _: &[f64]) -> bool {
-        self.yield_m < ground.signals.least_way_m(ground.signals.last())
+        self.yield_m * LN_2 < ground.signals.least_way_m(ground.signals.last())
     }
 }
