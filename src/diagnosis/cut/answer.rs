@@ -1,5 +1,6 @@
 //! What a selection says: findings with intervals, corrections, alternatives, what could not have been seen.
 
+use super::super::criteria::Z95;
 use super::super::result::{Alternative, Correction, Estimate, Verdict};
 use super::super::selection::{Fitted, Round, Selected, probabilities};
 use super::adequacy::whitened_power;
@@ -17,9 +18,6 @@ use crate::plant::effects::Port;
 use crate::plant::scenario::Scenario;
 use nalgebra::{DMatrix, DVector};
 use std::borrow::Cow;
-
-/// 95 % of a normal distribution, standard deviations.
-const NORMAL_95: f64 = 1.96;
 
 /// A finished selection with what it was made from.
 pub(crate) struct Fitting<'a> {
@@ -78,7 +76,7 @@ impl Posterior {
             let own = first..first + coordinates.len();
             first = own.end;
             let told = |((i, value), c): ((usize, &f64), &Coordinate)| {
-                c.is_size && value.abs() > NORMAL_95 * self.covariance[(i, i)].max(0.0).sqrt()
+                c.is_size && value.abs() > Z95 * self.covariance[(i, i)].max(0.0).sqrt()
             };
             term.is_at_bound() || !own.zip(&term.values).zip(coordinates).any(told)
         })
@@ -105,7 +103,7 @@ impl Posterior {
         let end = |sign: f64| {
             let to = here.iter().zip(along.iter()).zip(&self.bounds);
             let to: Vec<f64> =
-                to.map(|((x, d), [low, high])| (x + sign * NORMAL_95 * d / sd).clamp(*low, *high)).collect();
+                to.map(|((x, d), [low, high])| (x + sign * Z95 * d / sd).clamp(*low, *high)).collect();
             of(&to)
         };
         let ends = [end(-1.0).unwrap_or(value), end(1.0).unwrap_or(value)];
@@ -343,10 +341,10 @@ fn corrections(fitting: &Fitting<'_>, posterior: &Posterior) -> Vec<Correction> 
             return None;
         }
         let widest = |[low, high]: [f64; 2], other: &Posterior| {
-            let [l, h] = within(other, NORMAL_95);
+            let [l, h] = within(other, Z95);
             [low.min(l), high.max(h)]
         };
-        let [low, high] = others.iter().fold(within(posterior, NORMAL_95), widest);
+        let [low, high] = others.iter().fold(within(posterior, Z95), widest);
         if holds_stated([low, high]) {
             return None;
         }

@@ -95,9 +95,10 @@ pub(super) fn determined(balance: &Balance, mut state: State) -> (State, Doubt, 
         let doubt = doubt(balance, &state, &left);
         let heldout_n = heldout_n(balance, &state, None);
         let is_vague = |(k, (a, d)): &(usize, (&Accepted, &Deviations))| {
-            let vague = d.constants.iter().any(|c| *c > Criteria::STANDARD.undetermined)
-                || !is_other_than_zero(balance, (&state, a), d);
-            let vague = vague && !a.hypothesis.facts().trades || a.hypothesis.is_at_bound();
+            let told = if a.hypothesis.facts().trades { 1 } else { d.constants.len() };
+            let vague = d.constants.iter().take(told).any(|c| *c > Criteria::STANDARD.undetermined)
+                || !is_other_than_zero(balance, (&state, a), d)
+                || a.hypothesis.is_at_bound();
             a.given.is_none() && (vague || foretells_nothing(balance, &state, (*k, heldout_n)))
         };
         let pairs = state.accepted.iter().zip(&doubt.laws).enumerate();
@@ -257,7 +258,7 @@ impl Case<'_> {
                 estimates,
                 evidence_nats: a.evidence_nats,
                 level_nats: level,
-                contribution: contribution_of_number(balance, state, (a.number, a.value), self.recordings),
+                contribution: contribution_of_number(balance, state, a.number, self.recordings),
                 without_n: self.without_number_n(state, a.number),
             });
         }

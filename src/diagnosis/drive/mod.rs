@@ -38,7 +38,7 @@ mod words;
 
 use super::criteria::{Criteria, Z95};
 use super::cuts::spindle_hz;
-use super::selection::{Reach, Work, select};
+use super::selection::{Reach, Round, Work, select};
 use super::{DiagnoseError, DiagnoseOptions, Diagnosis, Progress};
 use crate::plant::drive::Structure;
 use crate::plant::machine::{AxisModel, Machine};
@@ -196,6 +196,13 @@ pub(in crate::diagnosis) fn diagnose(
     let clean = drive.without_faults(start.clone(), &mut work);
     let search = |share: f64, what: &str| progress(0.05 + 0.85 * share, what);
     let mut selected = select(&drive, clean.clone(), Reach::default(), &mut work, &search);
+    if let Some(wave) = drive.wave_for_map(&selected.model, &mut work) {
+        let mut more = select(&drive, wave.model.clone(), Reach::default(), &mut work, &search);
+        selected.rounds.push(Round { fitted: vec![wave], screened: Vec::new(), accepted: true });
+        selected.rounds.append(&mut more.rounds);
+        selected.model = more.model;
+        selected.out_of_budget |= more.out_of_budget;
+    }
     // What is wrong with the force's column stands where every law was asked beside it.
     let start = if selected.rounds.is_empty() { start } else { clean };
     if selected.rounds.is_empty() {

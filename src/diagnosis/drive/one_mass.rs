@@ -11,7 +11,7 @@ use crate::diagnosis::kernel::{Action, Grid, Kernel};
 use crate::plant::effects::coulomb_friction::sliding_direction;
 use crate::plant::machine::AxisModel;
 use crate::sample::Recording;
-use nalgebra::{SMatrix, SVector};
+use nalgebra::{DMatrix, DMatrixView, DVector, DVectorView, SMatrix, SVector};
 
 /// Samples kept per band.
 pub(super) const THINNED_PER_BAND: f64 = 3.125;
@@ -68,20 +68,18 @@ fn add(
     }
 }
 
-/// Factors that make columns of these products one in size, metres beside metres per square second, and the
-/// products of what they make.
-pub(super) fn unit_sized<const N: usize>(
-    normal: &SMatrix<f64, N, N>,
-) -> (SVector<f64, N>, SMatrix<f64, N, N>) {
+/// Coefficients of columns by their products, least squares; metres beside metres per square second are made
+/// one in size first, and a column that is nothing is held at zero.
+pub(super) fn coefficients(normal: DMatrixView<'_, f64>, pull: DVectorView<'_, f64>) -> Option<DVector<f64>> {
     let scale = normal.diagonal().map(|d| d.max(f64::MIN_POSITIVE).sqrt().recip());
-    let unit = SMatrix::from_diagonal(&scale);
-    (scale, unit * normal * unit)
+    let unit = DMatrix::from_diagonal(&scale);
+    let held = &unit * normal * &unit + 1e-10 * DMatrix::<f64>::identity(scale.len(), scale.len());
+    Some(held.lu().solve(&scale.component_mul(&pull))?.component_mul(&scale))
 }
 
 /// The coefficients of acceleration and friction.
 fn solved(normal: &Products, pull: &Row) -> Option<Spring> {
-    let (scale, scaled) = unit_sized(normal);
-    let beta = scaled.lu().solve(&scale.component_mul(pull))?.component_mul(&scale);
+    let beta = coefficients(normal.as_view(), pull.as_view())?;
     let found = Spring { swing_rad2_s2: beta[0].recip(), wound_m: beta[2].max(0.0) };
     (beta[0] > 0.0).then_some(found)
 }

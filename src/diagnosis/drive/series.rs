@@ -98,14 +98,14 @@ pub(super) fn contribution(
         .collect()
 }
 
-/// What a number of the structure adds.
+/// What a number of the structure adds, a bristle left out that has its own.
 pub(super) fn contribution_of_number(
     balance: &Balance,
     state: &State,
-    (number, value): (Number, f64),
+    number: Number,
     recordings: &[Recording],
 ) -> Vec<Contribution> {
-    let s: &Signals = &balance.signals;
+    let (s, value): (&Signals, f64) = (&balance.signals, state.now.mechanics.of(number));
     let side = usize::from(number.is_of_stage() && s.sides() == 2);
     let of =
         |v: &f64| value * if number.is_dry_friction() { (v / state.now.smoothing_m_s).tanh() } else { *v };

@@ -14,10 +14,9 @@ use std::collections::VecDeque;
 /// No speed, acceleration or force need be known.
 /// Checked by: tests::a_stop_is_found_and_turning_round_is_none.
 pub(super) fn standstill(x_m: &[f64], step_m: f64) -> Vec<bool> {
-    let c = &Criteria::STANDARD;
-    let within = begins(x_m.iter(), c.other_step * step_m);
-    let before = begins(x_m.iter(), WAY * step_m);
-    let behind = begins(x_m.iter().rev(), WAY * step_m);
+    let within = begins(x_m.iter(), Criteria::STANDARD.other_step * step_m);
+    let before = begins(x_m.iter(), 4.0 * step_m);
+    let behind = begins(x_m.iter().rev(), 4.0 * step_m);
     let last = x_m.len().saturating_sub(1);
     let (mut out, mut marked) = (vec![false; x_m.len()], 0);
     for (end, begin) in within.into_iter().enumerate() {
@@ -31,9 +30,6 @@ pub(super) fn standstill(x_m: &[f64], step_m: f64) -> Vec<bool> {
     }
     out
 }
-
-/// Way before and behind by which a stop is told, steps.
-const WAY: f64 = 4.0;
 
 /// The first row from which on all stay within a length, up to each row.
 fn begins<'a>(x_m: impl Iterator<Item = &'a f64> + Clone, length_m: f64) -> Vec<usize> {

@@ -173,6 +173,21 @@ impl<'a> Drive<'a> {
         state
     }
 
+    /// A wave in place of a force over position that it is: a free form was found beside less than stands now,
+    /// and has the price of all its pieces. `None`: no such force, or it is more than a wave.
+    pub(super) fn wave_for_map(&self, state: &State, work: &mut Work) -> Option<Fitted<Hypothesis, State>> {
+        let map = state.accepted.iter().position(|a| a.given.is_none() && a.hypothesis.is_map())?;
+        let mut others = state.clone();
+        others.accepted.remove(map);
+        let others = self.settled(others, PASSES / 2, work);
+        let mut waves = candidates(self.balance, &others);
+        waves.retain(|h| h.effect == EffectKind::PositionPeriodicForce);
+        let fitted = waves.iter().filter_map(|h| self.fit(&others, h, work)).filter(Fitted::qualifies);
+        let best = fitted.max_by(|a, b| a.evidence_nats.total_cmp(&b.evidence_nats))?;
+        let model = self.settled(best.model, PASSES, work);
+        (model.gain_nats(&others) > state.gain_nats(&others)).then_some(Fitted { model, ..best })
+    }
+
     /// One step of every shape. `None`: the budget is spent.
     fn moved(&self, mut state: State, share: f64, work: &mut Work) -> Option<State> {
         for a in state.accepted.iter_mut().filter(|a| a.given.is_none()) {
@@ -446,7 +461,10 @@ impl Subject for Drive<'_> {
 
     fn settle(&self, before: &State, state: State, work: &mut Work) -> (State, f64) {
         let state = self.settled(state, PASSES, work);
-        let gained = state.gain_nats(before);
+        let ground = state.ground(self.balance);
+        let is_void = |a: &Accepted| a.given.is_none() && a.hypothesis.law().is_void(&ground, &a.amplitudes);
+        let has_void = state.accepted.iter().any(is_void);
+        let gained = if has_void { f64::NEG_INFINITY } else { state.gain_nats(before) };
         let state = self.without_faults(state, work);
         (self.without_stand_ins(state, work), gained)
     }

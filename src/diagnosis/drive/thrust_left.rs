@@ -1,6 +1,6 @@
 //! What a rigid mass with friction leaves of a thrust, for ways in which friction may turn.
 
-use super::one_mass::unit_sized;
+use super::one_mass::coefficients;
 use super::signals::{Path, Read, Signals, Track, inside};
 use super::turning::Turning;
 use crate::plant::effects::coulomb_friction::sliding_direction;
@@ -41,14 +41,5 @@ fn left_of(track: &Track, (thrust, dry): (&[f64], &[f64]), judged: &[bool]) -> f
         pull += row * thrust[j];
         power += thrust[j] * thrust[j];
     }
-    power - explained(&normal, &pull)
-}
-
-/// Square sum that columns of these products explain.
-fn explained(normal: &Products, pull: &Row) -> f64 {
-    let (scale, scaled) = unit_sized(normal);
-    let pull = scale.component_mul(pull);
-    // A column that is nothing is held.
-    let held = scaled + Products::identity() * 1e-10;
-    held.lu().solve(&pull).map_or(0.0, |beta| beta.dot(&pull))
+    power - coefficients(normal.as_view(), pull.as_view()).map_or(0.0, |beta| pull.dot(&beta))
 }

@@ -189,6 +189,6 @@ impl Law for Play {
     }
 
     fn rivals(&self) -> &'static [(Over, bool)] {
-        &[(Over::Speed, true)]
+        &[(Over::Speed, true), (Over::Position, false)]
     }
 }

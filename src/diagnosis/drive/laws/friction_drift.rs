@@ -4,10 +4,14 @@ use super::*;
 use crate::plant::effects::coulomb_friction::sliding_direction;
 use crate::plant::effects::friction_drift::{CHANGE, SPECIFICATION, TIME, drift};
 
+/// Shortest time constant that is asked about: what is over in half of it is how a recording begins.
+fn shortest_s(signals: &Signals) -> f64 {
+    0.04 * signals.longest_s()
+}
+
 pub(super) const EFFECT: Effect = Effect {
     candidates: |search| {
-        let longest_s = search.signals.longest_s();
-        grid(0.04 * longest_s, 0.6 * longest_s, 5)
+        grid(shortest_s(search.signals), 0.6 * search.signals.longest_s(), 5)
             .map(|tau_s| Hypothesis::new(Port::Stage, Drift { tau_s }))
             .collect()
     },
@@ -36,6 +40,10 @@ impl Law for Drift {
 
     fn constants(&mut self) -> Vec<Free<'_>> {
         vec![Free::of(&mut self.tau_s, &TIME)]
+    }
+
+    fn is_void(&self, ground: &Ground<'_>, _: &[f64]) -> bool {
+        self.tau_s < 0.5 * shortest_s(ground.signals)
     }
 
     fn full(&self, at: &At<'_>) -> Vec<Vec<f64>> {

@@ -85,7 +85,7 @@ pub(crate) struct Facts {
     pub(crate) replaces_friction: bool,
     /// It is made of numbers of the structure, all of its size in its constants.
     pub(crate) moves_with_numbers: bool,
-    /// Its constants trade along a valley: one that is vague is no reason to doubt the law.
+    /// Its constants trade along a valley: the first alone must be determined.
     pub(crate) trades: bool,
 }
 

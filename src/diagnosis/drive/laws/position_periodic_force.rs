@@ -10,7 +10,7 @@ pub(super) const EFFECT: Effect = Effect {
         if search.signals.layout == Layout::Locked {
             return Vec::new();
         }
-        let longest = 0.5 * search.travel_m();
+        let longest = longest_m(search.signals);
         let shortest = search.travel_m() * SHORTEST;
         // Waves of the screw itself, then peaks of what is left, with and without the weights of its bands: a
         // slow wave has made its own band worthless.
@@ -24,6 +24,12 @@ pub(super) const EFFECT: Effect = Effect {
     },
     ..Effect::of(&SPECIFICATION)
 };
+
+/// Longest wavelength: what does not come again is no wave.
+fn longest_m(signals: &Signals) -> f64 {
+    let [low, high] = signals.travel_m();
+    0.5 * (high - low)
+}
 
 /// Of the guide, or of the motor's torque.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -62,6 +68,10 @@ impl Law for Wave {
 
     fn repeated(&self, times: f64) -> Option<Shape> {
         Some(Self { wavelength_m: self.wavelength_m / times, ..*self }.into())
+    }
+
+    fn is_void(&self, ground: &Ground<'_>, _: &[f64]) -> bool {
+        !self.of_motor && self.wavelength_m > longest_m(ground.signals)
     }
 
     /// The texture of a guide by itself.
