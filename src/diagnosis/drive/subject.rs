@@ -173,7 +173,7 @@ impl<'a> Drive<'a> {
         state
     }
 
-    /// A wave in place of a force over position that it is: a free form was found beside less than stands now,
+    /// A wave in place of a force over position that it is: a free form was found beside less than stands,
     /// and has the price of all its pieces. `None`: no such force, or it is more than a wave.
     pub(super) fn wave_for_map(&self, state: &State, work: &mut Work) -> Option<Fitted<Hypothesis, State>> {
         let map = state.accepted.iter().position(|a| a.given.is_none() && a.hypothesis.is_map())?;

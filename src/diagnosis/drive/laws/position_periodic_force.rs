@@ -70,8 +70,13 @@ impl Law for Wave {
         Some(Self { wavelength_m: self.wavelength_m / times, ..*self }.into())
     }
 
+    /// It comes but once; or it passes at more than half the rate of the log, which folds it: at an even speed
+    /// it may be a constant there.
     fn is_void(&self, ground: &Ground<'_>, _: &[f64]) -> bool {
-        !self.of_motor && self.wavelength_m > longest_m(ground.signals)
+        let s = ground.signals;
+        let speeds: Vec<f64> = s.tracks.iter().map(|t| rms(&t.sides[s.last()].v_m_s)).collect();
+        let is_folded = rms(&speeds) > 0.5 * self.wavelength_m * s.rate_hz;
+        is_folded || !self.of_motor && self.wavelength_m > longest_m(s)
     }
 
     /// The texture of a guide by itself.
