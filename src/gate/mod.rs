@@ -171,7 +171,7 @@ fn check_axis(work: &mut Work<'_>, axis: &AxisColumns) {
     rows::jumps(work, axis);
     outliers::outliers(work, axis);
     rounding::rounded(work, axis);
-    signs::opposite(work, axis);
+    signs::opposite_encoder(work, axis);
     signs::wrong_sign(work, axis);
     scaling::wrong_scale(work, axis);
     spectrum::smoothed(work, axis);

@@ -111,37 +111,32 @@ fn goes_anywhere(work: &Work<'_>, position: usize) -> bool {
 }
 
 /// Two positions of one axis that run against one another: one counts the other way round, the one against
-/// which the drive works.
-pub(super) fn opposite(work: &mut Work<'_>, axis: &AxisColumns) {
+/// which the drive works. Where friction does not say which the pair stays as it is, and is refused later.
+pub(super) fn opposite_encoder(work: &mut Work<'_>, axis: &AxisColumns) {
     let positions: Vec<usize> = axis.with(Role::Position).filter(|p| !work.silent[*p]).collect();
     let [first, second] = positions[..] else { return };
     // Of the places: speeds of the two ends of a spring are opposite above its resonance as well.
     let [a, b] = [first, second].map(|p| work.kept(work.values(p)));
+    let Some(drive) = drives(work, axis).into_iter().next() else { return };
     if ratio(&a, &b).correlation > -work.criteria.scale_correlation {
         return;
     }
-    let drive = drives(work, axis).into_iter().next();
-    let power = |position: usize| drive.map(|d| power_share(work, d, &Motion::of_position(work, position)));
-    let (turned, other) = if power(first) < power(second) { (first, second) } else { (second, first) };
-    let (name, other) = (work.name(turned), work.name(other));
-    let statement = format!("{name} counts against {other} and against the drive; its sign was turned.");
-    turn(work, turned, &name, statement);
+    for (turned, other) in [(first, second), (second, first)] {
+        let motion = Motion::of_position(work, turned);
+        if drives_against(work, drive, &motion).is_some() {
+            let (name, other) = (work.name(turned), work.name(other));
+            let statement = format!("{name} counts against {other} and the drive; its sign was turned.");
+            return turn(work, turned, &name, statement);
+        }
+    }
 }
 
 /// An axis with friction takes power and gives none.
 pub(super) fn wrong_sign(work: &mut Work<'_>, axis: &AxisColumns) {
     let Some(motion) = Motion::of(work, axis) else { return };
-    if motion.both_ways().iter().any(|share| *share < work.criteria.sign_both_ways) {
-        return;
-    }
     for column in drives(work, axis) {
-        if work.has(column, FaultKind::Rectified) {
-            continue;
-        }
-        let share = power_share(work, column, &motion);
-        if share >= work.criteria.against_motion {
-            continue;
-        }
+        let against = drives_against(work, column, &motion);
+        let Some(share) = against.filter(|_| !work.has(column, FaultKind::Rectified)) else { continue };
         let name = work.name(column);
         let percent = 50.0 * (1.0 - share);
         let statement = format!(
@@ -150,6 +145,14 @@ pub(super) fn wrong_sign(work: &mut Work<'_>, axis: &AxisColumns) {
         );
         turn(work, column, &name, statement);
     }
+}
+
+/// The share of a drive's power that the motion takes, where it goes both ways and gives too much of it.
+fn drives_against(work: &Work<'_>, drive: usize, motion: &Motion) -> Option<f64> {
+    let c = work.criteria;
+    let goes_both_ways = motion.both_ways().iter().all(|share| *share >= c.sign_both_ways);
+    let share = goes_both_ways.then(|| power_share(work, drive, motion))?;
+    (share < c.against_motion).then_some(share)
 }
 
 /// Share of a drive's power that the motion takes, -1 to 1.

@@ -272,3 +272,29 @@ fn a_wave_that_was_first_a_free_form_is_told_as_a_wave() {
     assert!((value(&d, "position_periodic_force", "wavelength_m") / 0.03 - 1.0).abs() < 2e-3);
     assert!((value(&d, "position_periodic_force", "amplitude_n") / 50.0 - 1.0).abs() < 0.01);
 }
+
+/// Friction that grows along the guide is a form with the direction, whose mean is the dry friction.
+#[test]
+fn a_form_with_the_direction_leaves_the_dry_friction_its_level() {
+    let mut rows = Vec::new();
+    let mut from_m = 0.0;
+    for k in 0..24 {
+        let to_m = 0.05 * (1.7 * f64::from(k)).sin();
+        for i in 0..500 {
+            let [moved_m, v, a] = smooth_move(to_m - from_m, 0.5, f64::from(i) / 500.0);
+            let x = from_m + moved_m;
+            let dry_n = COULOMB_N * (1.0 + 0.4 * (25.0 * x).tanh()) * (v / 2e-4).tanh();
+            rows.push((MASS_KG * a + VISCOUS_N_S_M * v + dry_n, x));
+        }
+        from_m = to_m;
+    }
+    let d = ask(log_of(1e-6, rows.into_iter()));
+    assert_eq!(
+        names(&d),
+        ["coulomb_friction", "position_dependent_force", "viscous_friction"],
+        "{:?}",
+        d.notes
+    );
+    let level_n = value(&d, "coulomb_friction", "force_n");
+    assert!((level_n / COULOMB_N - 1.0).abs() < 0.1, "{level_n} N");
+}

@@ -531,6 +531,22 @@ fn a_late_position_is_moved_and_a_soft_spring_is_not() {
     assert!(!named(&gate(&logged).faults).iter().any(|f| f.0 == "clock_offset"));
 }
 
+/// A force that leads its motion has another clock where that explains most of what is left, and not where a
+/// force over the position is the rest of it.
+#[test]
+fn a_force_that_leads_is_another_clock_where_that_explains_most() {
+    let early = |wave_n: f64| {
+        let mut logged = drive();
+        let x = logged.recording.get(POSITION).unwrap().to_vec();
+        let u = values(&mut logged, THRUST);
+        u.iter_mut().zip(&x).for_each(|(u, x)| *u += wave_n * (std::f64::consts::TAU * x / 0.05).sin());
+        u.rotate_left(6);
+        named(&gate(&logged).faults).contains(&("clock_offset", THRUST))
+    };
+    assert!(early(0.0));
+    assert!(!early(60.0));
+}
+
 /// Of two positions the one against which the drive works is turned, whichever it is.
 #[test]
 fn an_encoder_that_counts_the_other_way_round_is_turned() {

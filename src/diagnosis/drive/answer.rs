@@ -62,8 +62,7 @@ fn heldout_n(balance: &Balance, state: &State, without_law: Option<usize>) -> f6
     let mut design = base.design.clone();
     let mut start = base.fit.beta.clone();
     if let Some(k) = without_law {
-        let first: usize =
-            base.numbers.len() + state.accepted[..k].iter().map(Accepted::coefficients).sum::<usize>();
+        let first = state.place(k);
         let n = state.accepted[k].coefficients();
         let kept: Vec<usize> = (0..start.len()).filter(|k| !(first..first + n).contains(k)).collect();
         design = design.kept(&kept);

@@ -197,12 +197,15 @@ pub(in crate::diagnosis) fn diagnose(
     let search = |share: f64, what: &str| progress(0.05 + 0.85 * share, what);
     let mut selected = select(&drive, clean.clone(), Reach::default(), &mut work, &search);
     if let Some(wave) = drive.wave_for_map(&selected.model, &mut work) {
-        let mut more = select(&drive, wave.model.clone(), Reach::default(), &mut work, &search);
+        let reach = Reach::default();
+        let stand = wave.model.accepted.iter().filter(|a| a.given.is_none()).count();
+        let reach = Reach { most_findings: reach.most_findings.saturating_sub(stand), ..reach };
+        let mut more = select(&drive, wave.model.clone(), reach, &mut work, &search);
         selected.rounds.push(Round { fitted: vec![wave], screened: Vec::new(), accepted: true });
         selected.rounds.append(&mut more.rounds);
         selected.model = more.model;
-        selected.out_of_budget |= more.out_of_budget;
     }
+    selected.out_of_budget |= work.has_refused();
     // What is wrong with the force's column stands where every law was asked beside it.
     let start = if selected.rounds.is_empty() { start } else { clean };
     if selected.rounds.is_empty() {

@@ -5,25 +5,27 @@ use crate::diagnosis::criteria::Criteria;
 use std::collections::VecDeque;
 
 /// Rows in which an axis stands still: it stays within a step, which may flip, four times as long as it takes
-/// over the four steps before or the four behind, whichever is the shorter.
+/// over the next three steps on the side where it goes faster.
 ///
-/// Where it turns round by x = a t^2 / 2 on one side and b t^2 / 2 on the other it is within 1.3 steps q for
-/// (2.6 q)^(1/2) (a^(-1/2) + b^(-1/2)), and in the next four for 1.02 times either part: what it is within is
-/// twice the shorter one where a is b, four times where one is nine times the other, and at an even speed a
-/// third.
-/// No speed, acceleration or force need be known.
-/// Checked by: tests::a_stop_is_found_and_turning_round_is_none.
+/// Where it turns round by x = a t^2 / 2 on one side and b t^2 / 2 on the other, b the larger one, two
+/// rounded places hold at most two steps q of it, (4 q)^(1/2) (a^(-1/2) + b^(-1/2)), and the next three take
+/// 0.58 (4 q / b)^(1/2): 3.4 times as long at most where a is b; at an even speed two thirds. Of a turn whose
+/// sides differ more the rows of its last step may go, in which nothing tells when friction turned. No speed,
+/// acceleration or force need be known.
+/// Checked by: tests::a_stop_is_found_and_turning_round_is_none, tests::a_slow_sine_never_stands.
 pub(super) fn standstill(x_m: &[f64], step_m: f64) -> Vec<bool> {
-    let within = begins(x_m.iter(), Criteria::STANDARD.other_step * step_m);
-    let before = begins(x_m.iter(), 4.0 * step_m);
-    let behind = begins(x_m.iter().rev(), 4.0 * step_m);
+    let near_m = Criteria::STANDARD.other_step * step_m;
+    let far_m = near_m + 3.0 * step_m;
+    let backwards: Vec<f64> = x_m.iter().rev().copied().collect();
+    let begins = begins_within(x_m, near_m);
+    let [comes, goes] = [x_m, &backwards].map(|x| begins_within(x, far_m));
     let last = x_m.len().saturating_sub(1);
     let (mut out, mut marked) = (vec![false; x_m.len()], 0);
-    for (end, begin) in within.into_iter().enumerate() {
-        // Of an end of the file nothing is known.
-        let way = [(before[begin], begin), (behind[last - end], last - end)];
-        let known = way.into_iter().filter(|(open, _)| *open > 0).map(|(from, to)| to - from);
-        if end > begin + 1 && end - begin > 4 * known.min().unwrap_or(0) {
+    for (end, begin) in begins.into_iter().enumerate() {
+        // Rows over the next steps; of an end of the file nothing is known.
+        let sides = [(comes[begin], begin), (goes[last - end], last - end)];
+        let rows = sides.into_iter().filter(|(from, _)| *from > 0).map(|(from, to)| (to - from).max(1));
+        if end - begin > 4 * rows.min().unwrap_or(1) {
             out[begin.max(marked)..=end].fill(true);
             marked = end + 1;
         }
@@ -31,23 +33,22 @@ pub(super) fn standstill(x_m: &[f64], step_m: f64) -> Vec<bool> {
     out
 }
 
-/// The first row from which on all stay within a length, up to each row.
-fn begins<'a>(x_m: impl Iterator<Item = &'a f64> + Clone, length_m: f64) -> Vec<usize> {
-    let x: Vec<f64> = x_m.copied().collect();
+/// Up to each row, the first one from which on all stay within a length.
+fn begins_within(x_m: &[f64], length_m: f64) -> Vec<usize> {
     // Rows of a window that may yet be its highest and its lowest, in order.
     let (mut highest, mut lowest) = (VecDeque::new(), VecDeque::new());
     let mut begin = 0;
     let mut of = |k: usize| {
-        keep(&mut highest, k, |other: &usize| x[*other] > x[k]);
-        keep(&mut lowest, k, |other: &usize| x[*other] < x[k]);
-        while x[highest[0]] - x[lowest[0]] > length_m {
+        keep(&mut highest, k, |other: &usize| x_m[*other] > x_m[k]);
+        keep(&mut lowest, k, |other: &usize| x_m[*other] < x_m[k]);
+        while x_m[highest[0]] - x_m[lowest[0]] > length_m {
             begin += 1;
             drop_before(&mut highest, begin);
             drop_before(&mut lowest, begin);
         }
         begin
     };
-    (0..x.len()).map(&mut of).collect()
+    (0..x_m.len()).map(&mut of).collect()
 }
 
 /// Takes a row behind those that it does not outdo.

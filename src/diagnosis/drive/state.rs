@@ -71,6 +71,11 @@ impl State {
         self
     }
 
+    /// Place of a law's first coefficient in the fit.
+    pub(super) fn place(&self, law: usize) -> usize {
+        self.base.numbers.len() + self.accepted[..law].iter().map(Accepted::coefficients).sum::<usize>()
+    }
+
     /// Numbers of a fit beside this state.
     pub(super) fn with_numbers(&self, beta: &[f64]) -> Self {
         let mut out = self.clone();

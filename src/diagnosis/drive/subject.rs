@@ -184,8 +184,8 @@ impl<'a> Drive<'a> {
         waves.retain(|h| h.effect == EffectKind::PositionPeriodicForce);
         let fitted = waves.iter().filter_map(|h| self.fit(&others, h, work)).filter(Fitted::qualifies);
         let best = fitted.max_by(|a, b| a.evidence_nats.total_cmp(&b.evidence_nats))?;
-        let model = self.settled(best.model, PASSES, work);
-        (model.gain_nats(&others) > state.gain_nats(&others)).then_some(Fitted { model, ..best })
+        let (model, gained) = self.settle(&others, best.model, work);
+        (gained > best.level_nats && model.gain_nats(state) > 0.0).then_some(Fitted { model, ..best })
     }
 
     /// One step of every shape. `None`: the budget is spent.
@@ -195,16 +195,16 @@ impl<'a> Drive<'a> {
         }
         for k in 0..state.accepted.len() {
             let a = &state.accepted[k];
-            if a.is_one_column() {
-                // Its form was found beside less than stands now.
-                if a.given.is_none() && work.take(forms(a)) {
-                    let form = self.form(&state, k);
-                    state.accepted[k].amplitudes =
-                        form.unwrap_or_else(|| state.accepted[k].amplitudes.clone());
+            if a.is_one_column() && a.given.is_none() {
+                if !work.take(evaluations(a)) {
+                    return None;
                 }
-                continue;
+                if let Some(amplitudes) = self.amplitudes_beside(&state, k, share) {
+                    state.accepted[k].amplitudes = amplitudes;
+                }
             }
-            if a.hypothesis.constants() == 0 {
+            let a = &state.accepted[k];
+            if a.hypothesis.constants() == 0 || a.is_one_column() {
                 continue;
             }
             let count = a.hypothesis.constants() as u64;
@@ -218,17 +218,18 @@ impl<'a> Drive<'a> {
         Some(state)
     }
 
-    /// Amplitudes of a law that enters as one column, each free beside all else.
-    fn form(&self, state: &State, k: usize) -> Option<Vec<f64>> {
-        let (base, a) = (&state.base, &state.accepted[k]);
-        let before = state.accepted[..k].iter().map(Accepted::coefficients).sum::<usize>();
-        let own = base.numbers.len() + before;
-        let (gram, design, beta) = base.fitted();
+    /// Amplitudes of a law that enters as one column, a share of the way to where they are free beside all.
+    /// It was found beside less than stands now.
+    fn amplitudes_beside(&self, state: &State, k: usize, share: f64) -> Option<Vec<f64>> {
+        let (a, own) = (&state.accepted[k], state.place(k));
+        let (gram, design, beta) = state.base.fitted();
         let mut design = design.clone();
         design.bounds[own] = [beta[own]; 2];
         let more =
             self.free_step((gram, &design, beta), &a.hypothesis.columns(&state.ground(self.balance)))?;
-        Some(a.amplitudes.iter().zip(more).map(|(a, more)| a + more).collect())
+        let mut out: Vec<f64> = a.amplitudes.iter().zip(more).map(|(a, more)| a + share * more).collect();
+        leave_mean(state, &a.hypothesis, &mut out);
+        Some(out)
     }
 
     /// One Gauss-Newton step of an accepted law.
@@ -254,9 +255,19 @@ impl<'a> Drive<'a> {
     }
 }
 
-/// Evaluations that the form of a law of many amplitudes costs.
-fn forms(law: &Accepted) -> u64 {
+/// Evaluations that a fit of all amplitudes of a law costs.
+fn evaluations(law: &Accepted) -> u64 {
     1 + u64::try_from(law.amplitudes.len()).unwrap_or(u64::MAX) / 8
+}
+
+/// Takes off a map the mean that something else in the state is: dry friction of one with direction, a load.
+fn leave_mean(state: &State, h: &Hypothesis, amplitudes: &mut [f64]) {
+    let Shape::Map(Map { flips, .. }) = h.shape else { return };
+    let is_load = |a: &Accepted| a.hypothesis.effect == EffectKind::GravityLoad;
+    if flips || state.accepted.iter().any(is_load) {
+        let mean = amplitudes.iter().sum::<f64>() / amplitudes.len().max(1) as f64;
+        amplitudes.iter_mut().for_each(|a| *a -= mean);
+    }
 }
 
 /// What scores best of all that was asked for one hypothesis.
@@ -431,12 +442,8 @@ impl Subject for Drive<'_> {
         if let Shape::Map(Map { flips, .. }) = h.shape {
             let beside = self.beside_motion(state, flips, work);
             evidence_nats = evidence_nats.min(ask(self.balance, &beside, &h, false).score);
-            if flips {
-                // Its mean is dry friction, which the numbers hold.
-                let mean = amplitudes.iter().sum::<f64>() / amplitudes.len().max(1) as f64;
-                amplitudes.iter_mut().for_each(|a| *a -= mean);
-            }
         }
+        leave_mean(state, &h, &mut amplitudes);
         let mut model = state.with_numbers(&asked.fit.beta);
         let at_bound = asked.held() && !h.is_whole()
             || h.is_at_bound()
@@ -461,10 +468,12 @@ impl Subject for Drive<'_> {
 
     fn settle(&self, before: &State, state: State, work: &mut Work) -> (State, f64) {
         let state = self.settled(state, PASSES, work);
+        let newest = state.accepted.last().filter(|_| state.accepted.len() > before.accepted.len());
         let ground = state.ground(self.balance);
-        let is_void = |a: &Accepted| a.given.is_none() && a.hypothesis.law().is_void(&ground, &a.amplitudes);
-        let has_void = state.accepted.iter().any(is_void);
-        let gained = if has_void { f64::NEG_INFINITY } else { state.gain_nats(before) };
+        if newest.is_some_and(|a| a.hypothesis.law().is_void(&ground, &a.amplitudes)) {
+            return (state, f64::NEG_INFINITY);
+        }
+        let gained = state.gain_nats(before);
         let state = self.without_faults(state, work);
         (self.without_stand_ins(state, work), gained)
     }

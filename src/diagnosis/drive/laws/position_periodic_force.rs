@@ -70,12 +70,13 @@ impl Law for Wave {
         Some(Self { wavelength_m: self.wavelength_m / times, ..*self }.into())
     }
 
-    /// It comes but once; or it passes at more than half the rate of the log, which folds it: at an even speed
-    /// it may be a constant there.
+    /// It comes but once; or most of the way it passes at more than half the rate of the log, which folds it:
+    /// at an even speed it may be a constant there.
     fn is_void(&self, ground: &Ground<'_>, _: &[f64]) -> bool {
         let s = ground.signals;
-        let speeds: Vec<f64> = s.tracks.iter().map(|t| rms(&t.sides[s.last()].v_m_s)).collect();
-        let is_folded = rms(&speeds) > 0.5 * self.wavelength_m * s.rate_hz;
+        let speeds = || s.tracks.iter().flat_map(|t| &t.sides[s.last()].v_m_s).map(|v| v.abs());
+        let seen_m_s = 0.5 * self.wavelength_m * s.rate_hz;
+        let is_folded = speeds().filter(|v| *v > seen_m_s).sum::<f64>() > 0.5 * speeds().sum::<f64>();
         is_folded || !self.of_motor && self.wavelength_m > longest_m(s)
     }
 
