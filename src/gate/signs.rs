@@ -78,20 +78,28 @@ fn is_folded(work: &Work<'_>, column: usize, motion: &Motion) -> bool {
     enough && pointed.len() as f64 >= c.touch_share * touches.len() as f64
 }
 
-/// A position is smoother than the force that makes it.
+/// A position is smoother than the force that makes it: the one that stands for the axis, or another that does
+/// not go with it.
 pub(super) fn swapped(work: &mut Work<'_>, axis: &AxisColumns) {
-    let Some(position) = axis.position(&work.recording).filter(|p| !work.silent[*p]) else { return };
-    let rough = |x: &[f64]| deviation(&changes(x)) / deviation(x).max(f64::MIN_POSITIVE);
-    let own = rough(work.values(position));
+    let Some(first) = axis.position(&work.recording).filter(|p| !work.silent[*p]) else { return };
+    let goes_along = |p: usize| ratio(work.values(first), work.values(p)).correlation.abs();
+    let apart = |p: &usize| *p == first || goes_along(*p) < work.criteria.scale_correlation;
+    let live = axis.with(Role::Position).filter(|p| !work.silent[*p]);
+    let positions: Vec<usize> = live.filter(apart).filter(|p| goes_anywhere(work, *p)).collect();
+    let rough = |work: &Work<'_>, column: usize| {
+        let x = work.values(column);
+        deviation(&changes(x)) / deviation(x).max(f64::MIN_POSITIVE)
+    };
     for drive in drives(work, axis) {
-        if own <= work.criteria.roughness * rough(work.values(drive)) || !goes_anywhere(work, position) {
+        let over = |p: usize| rough(work, p) / rough(work, drive).max(f64::MIN_POSITIVE);
+        let Some(position) = positions.iter().copied().find(|p| over(*p) > work.criteria.roughness) else {
             continue;
-        }
+        };
         let (name, other) = (work.name(drive), work.name(position));
         let statement = format!(
             "{name} and {other} look swapped: {other} changes {:.0} times as roughly as the force that \
              should make it.",
-            own / rough(work.values(drive)).max(f64::MIN_POSITIVE)
+            over(position)
         );
         work.tell(Told {
             column: &name,

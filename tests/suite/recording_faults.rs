@@ -567,6 +567,18 @@ fn an_encoder_that_counts_the_other_way_round_is_turned() {
     }
 }
 
+#[test]
+fn a_force_in_the_place_of_the_second_position_is_told() {
+    const STAGE: &str = "x_stage_position_m";
+    let mut logged = drive();
+    let x = logged.recording.get(POSITION).unwrap().to_vec();
+    let force = std::mem::replace(values(&mut logged, THRUST), x);
+    logged.recording.columns.push(Column { name: STAGE.into(), values: force });
+    let refusal = gate(&logged).refusal().cloned().unwrap();
+    assert_eq!((refusal.kind, refusal.column.as_str()), (FaultKind::Swapped, THRUST));
+    assert!(refusal.statement.contains(STAGE), "{}", refusal.statement);
+}
+
 /// A line of the mains stands alone; of the lines of an excitation one lies there by chance.
 #[test]
 fn a_line_among_equals_is_no_line_of_the_mains() {
