@@ -78,8 +78,8 @@ fn is_folded(work: &Work<'_>, column: usize, motion: &Motion) -> bool {
     enough && pointed.len() as f64 >= c.touch_share * touches.len() as f64
 }
 
-/// A position is smoother than the force that makes it: the one that stands for the axis, or another that does
-/// not go with it.
+/// A position is smoother than the force that makes it: the one that stands for the axis, or another that
+/// does not go with it.
 pub(super) fn swapped(work: &mut Work<'_>, axis: &AxisColumns) {
     let Some(first) = axis.position(&work.recording).filter(|p| !work.silent[*p]) else { return };
     let goes_along = |p: usize| ratio(work.values(first), work.values(p)).correlation.abs();
