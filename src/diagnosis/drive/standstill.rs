@@ -100,7 +100,7 @@ mod tests {
         assert_eq!(standstill(&x, 1e-5).iter().filter(|rests| **rests).count(), 0);
     }
 
-    /// However slow: a sine of an hour whose every turn lasts for half a minute within a step of 1 um.
+    /// However slow: a sine of 1 mm that stays within a step of 1 um for 500 rows where it turns round.
     #[test]
     fn a_slow_sine_never_stands() {
         let x: Vec<f64> = (0..72_000).map(|k| 1e-3 * (TAU * f64::from(k) / 36_000.0).sin()).collect();
