@@ -5,7 +5,8 @@ pub(super) fn spoken(name: &str) -> String {
     name.replace('_', " ")
 }
 
-/// `stribeck_force_n` as `stribeck force`: the unit stands beside the value.
+/// `stribeck_force_n` as `stribeck force`: the unit stands beside the value. A name that is a unit is that of a
+/// coefficient.
 pub(super) fn without_unit(name: &str) -> String {
     const UNITS: [&str; 17] = [
         "_n_s2_m2",
@@ -27,6 +28,9 @@ pub(super) fn without_unit(name: &str) -> String {
         "_a",
     ];
     let name = name.split_once('.').map_or_else(|| name.to_owned(), |(law, key)| format!("{law}_{key}"));
+    if UNITS.iter().any(|u| u.strip_prefix('_') == Some(&name)) {
+        return "coefficient".to_owned();
+    }
     let bare = UNITS.iter().find_map(|u| name.strip_suffix(u)).filter(|b| !b.is_empty()).unwrap_or(&name);
     spoken(bare)
 }

@@ -1,10 +1,10 @@
 //! Force proportional to speed squared.
 
 use super::stribeck_friction::SPEEDS;
-use super::{EffectKind, ForceLaw, Parameter, Specification};
+use super::{EffectKind, ForceLaw, Parameter, Specification, Spoken};
 
 /// Size.
-pub const COEFFICIENT: Parameter = Parameter::size("n_s2_m2", "N s2/m2");
+pub const COEFFICIENT: Parameter = Parameter::size("n_s2_m2", "N s2/m2").spoken(Spoken::As("coefficient"));
 
 /// The effect.
 pub const SPECIFICATION: Specification = Specification {
