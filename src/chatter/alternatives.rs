@@ -4,9 +4,10 @@
 //! In (n - 1) values of white noise of unknown level a template that explains the energy E of all W leaves
 //! W - E; two of them compare as (n - 1) ln((W - E2)/(W - E1)).
 
-use super::criteria::{CRITERIA, LONGEST, RATES_1_S, WINDOWS};
+use super::criteria::{CRITERIA, RATES_1_S, WINDOWS};
 use super::fourier::POINTS;
-use super::window::{Context, Detection, Reason, Window, fit, fit_two, fits, loudness_nats};
+use super::near::Near;
+use super::window::{Context, Detection, Reason, Window, fit_two, fits, loudness_nats};
 use nalgebra::Complex;
 use std::f64::consts::TAU;
 
@@ -40,7 +41,7 @@ impl Window<'_> {
         }
         self.line.power_n2 = self.power_n2();
         let mut found = self.line;
-        let beside = self.near();
+        let beside = self.near(self.beside());
         let order = self.order_nats(&beside) / levels.cause_nats;
         let (mode, kept) = self.mode_nats(&beside);
         let terms = [
@@ -94,9 +95,9 @@ impl Window<'_> {
         nats.min(self.against(values, self.learned_orders()))
     }
 
-    /// Against noise through a damped mode, over its threshold: noise of damping sigma has 1 + sigma T
-    /// independent values. And louder than the noise of a stable cut, and growing: one does not tell of the
-    /// other. The second: whether it is too loud to be learned as noise.
+    /// Against noise through a damped mode, over its threshold: by its spectrum, and where a cut begins by
+    /// what the orders leave too: noise of damping sigma has 1 + sigma T independent values. And louder than
+    /// the noise of a stable cut. The second: whether it is too loud to be learned as noise.
     fn mode_nats(&self, beside: &Near) -> (f64, bool) {
         let Context { learning, entries_known, cuts, no_model, stable_n2, rate_hz, .. } = *self.context;
         if !learning && entries_known && self.which + 1 != WINDOWS.len() {
@@ -104,26 +105,19 @@ impl Window<'_> {
         }
         let loud = if learning { loudness_nats(self.line.power_n2, stable_n2) } else { 0.0 };
         let levels = &self.context.levels;
-        let grows = learning && entries_known && self.growth_nats() > levels.switched_nats;
-        let rises = if grows { self.rise_nats() } else { 0.0 };
+        let times = 1.0 + RATES_1_S[0] * self.e.len() as f64 / rate_hz;
+        let coherent = times * beside.coherence();
+        let over_mode = match (entries_known, learning) {
+            (true, true) => self.over_mode_nats().max(coherent),
+            (true, false) => self.over_mode_nats(),
+            (false, _) => coherent,
+        };
         let nats = match (entries_known, learning) {
             (true, true) if cuts => levels.cause_nats,
             (true, false) => levels.mode_nats,
             _ => levels.entry_unknown_nats,
         };
-        let times = 1.0 + RATES_1_S[0] * self.e.len() as f64 / rate_hz;
-        ((times * beside.coherence() + loud + rises) / nats, no_model && 2.0 * loud > 1.0)
-    }
-
-    /// Evidence, nats, that the line grew within the window, and not all that begins with a cut: the powers
-    /// of noise in its halves are exponential, and one is x times the other with a probability of 1/(1 + x).
-    fn rise_nats(&self) -> f64 {
-        let over_rest = |e: &[C]| {
-            let (line, all) = (fit(e, self.turns(), 0.0), e.iter().map(C::norm_sqr).sum::<f64>());
-            line.max(f64::MIN_POSITIVE) / (all - line).max(1e-6 * all)
-        };
-        let (first, last) = self.e.split_at(self.e.len() / 2);
-        (1.0 + over_rest(last) / over_rest(first)).ln()
+        ((over_mode + loud) / nats, no_model && 2.0 * loud > 1.0)
     }
 
     /// Where nothing is known a line may have stood in air too: then it is not the cut's, unless no stable
@@ -139,7 +133,7 @@ impl Window<'_> {
     }
 
     /// Turns of the spindle in the window.
-    fn turns_of_spindle(&self) -> f64 {
+    pub(super) fn turns_of_spindle(&self) -> f64 {
         self.e.len() as f64 / self.context.rate_hz * self.context.speed_hz
     }
 
@@ -205,77 +199,5 @@ impl Window<'_> {
             s *= back;
         }
         sum.norm_sqr() / (energy * energy)
-    }
-
-    /// Line and both orders beside it, as far as the window tells them apart.
-    fn beside(&self) -> usize {
-        let Context { speed_hz, rate_hz, learning, .. } = *self.context;
-        if learning && self.e.len() as f64 / rate_hz * speed_hz >= CRITERIA.resolved_turns { 2 } else { 0 }
-    }
-
-    /// The line beside what the orders next to it explain: one after the other, each without the ones before.
-    fn near(&self) -> Near {
-        let rate_hz = self.context.rate_hz;
-        let n = self.e.len();
-        let mut basis = [[C::ZERO; LONGEST]; 3];
-        let orders = self.beside();
-        self.templates(&mut basis, orders);
-        let mut rest = [C::ZERO; LONGEST];
-        rest[..n].copy_from_slice(self.e);
-        let mut alone = 0.0;
-        for k in 0..=orders {
-            let (done, left) = basis.split_at_mut(k);
-            let now = &mut left[0][..n];
-            for b in done.iter() {
-                let share: C = b[..n].iter().zip(now.iter()).map(|(b, y)| b.conj() * y).sum();
-                now.iter_mut().zip(&b[..n]).for_each(|(y, b)| *y -= share * b);
-            }
-            let size = now.iter().map(C::norm_sqr).sum::<f64>().sqrt().max(f64::MIN_POSITIVE);
-            now.iter_mut().for_each(|y| *y /= size);
-            let share: C = now.iter().zip(&rest[..n]).map(|(b, x)| b.conj() * x).sum();
-            rest[..n].iter_mut().zip(now.iter()).for_each(|(x, b)| *x -= share * b);
-            alone = share.norm_sqr();
-        }
-        #[expect(clippy::cast_possible_truncation, reason = "a window has some hundred cells")]
-        let cells = ((CRITERIA.line_hz * n as f64 / rate_hz).floor() as i32).max(2);
-        let of = |m: i32| fit(&rest[..n], self.turns() + f64::from(m) / n as f64, 0.0);
-        Near { alone, rest: (-cells..=cells).map(of).sum(), values: f64::from(2 * cells + 1) }
-    }
-
-    /// The `orders` next to the line, then the line.
-    fn templates(&self, basis: &mut [[C; LONGEST]; 3], orders: usize) {
-        let Context { speed_hz, centre_hz, rate_hz, .. } = *self.context;
-        let n = self.e.len();
-        let below = ((centre_hz + self.line.offset_hz) / speed_hz.max(f64::MIN_POSITIVE)).floor();
-        for (k, b) in basis[..orders].iter_mut().enumerate() {
-            for (q, y) in b[..n].iter_mut().enumerate() {
-                let value = &self.history.last(n)[q];
-                let turn = (below + k as f64) * value.angle_turns;
-                *y = value.mixer * C::from_polar(1.0, TAU * turn.fract()) * self.chirp[q];
-            }
-        }
-        let back = C::from_polar((-self.line.growth_1_s / rate_hz).exp(), -TAU * self.turns());
-        let mut line = C::ONE;
-        for y in basis[orders][..n].iter_mut().rev() {
-            *y = line;
-            line *= back;
-        }
-    }
-}
-
-/// What is near the line.
-struct Near {
-    /// Energy of the line beside what the orders explain.
-    alone: f64,
-    /// Energy near it that neither explains.
-    rest: f64,
-    /// Values that hold it.
-    values: f64,
-}
-
-impl Near {
-    /// ln of what there is over what the line leaves.
-    fn coherence(&self) -> f64 {
-        (1.0 + self.alone / self.rest.max(1e-6 * self.alone)).ln()
     }
 }

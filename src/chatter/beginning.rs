@@ -4,7 +4,7 @@
 //! it was switched on within some milliseconds and stands or fades since. The whitening filter leaves more of
 //! a beginning than of what follows, where it knows noise at the place of the line.
 
-use super::criteria::{LONGEST, MEMORY, PAST, RATES_1_S, RISES, WINDOWS};
+use super::criteria::{CRITERIA, LONGEST, MEMORY, PAST, RATES_1_S, RISES, WINDOWS};
 use super::window::{Context, Detection, Reason, Window, loudness_nats};
 use nalgebra::Complex;
 use std::f64::consts::TAU;
@@ -48,7 +48,7 @@ impl Window<'_> {
         let rate_hz = self.context.rate_hz;
         let mut line = [C::ZERO; LONGEST + PAST];
         let line = &mut line[..n];
-        let [mut all, mut not, mut growth_nats] = [0.0; 3];
+        let ([mut all, mut not], mut grown) = ([0.0; 2], [0.0; RATES_1_S.len()]);
         for k in -2..=2 {
             let turns = self.turns() + f64::from(k) * 0.25 / self.e.len() as f64;
             for (q, (to, from)) in line.iter_mut().zip(values.iter().rev()).enumerate() {
@@ -58,10 +58,13 @@ impl Window<'_> {
             }
             all = line.iter().map(C::norm_sqr).sum();
             not = other(line, turns).max(not);
-            growth_nats = growing(line, rate_hz).max(growth_nats);
+            let now = RATES_1_S.map(|growth_1_s| growing(line, growth_1_s / rate_hz));
+            grown = std::array::from_fn(|k| now[k].max(grown[k]));
         }
         let left = |energy: f64| (all - energy).max(1e-12 * all);
-        (n as f64 - 1.0) * (left(not) / left(growth_nats)).ln()
+        let nats = grown.map(|energy| (n as f64 - 1.0) * (left(not) / left(energy)).ln());
+        let [slower @ .., fastest] = nats;
+        slower.into_iter().fold(fastest - CRITERIA.fastest_nats, f64::max)
     }
 }
 
@@ -118,31 +121,33 @@ fn at_any_time(line: &[C], matched: &[C], head: &[C], (rise, fade): (usize, f64)
     best.max(always.norm_sqr() / all)
 }
 
-/// The same of one that grew until some moment and stands since. What grows slowly leaves the filter as what
-/// stands does.
-fn growing(line: &[C], rate_hz: f64) -> f64 {
+/// The same of one that grew until some moment, at so much a value, and stands since. What grows slowly
+/// leaves the filter as what stands does.
+fn growing(line: &[C], growth: f64) -> f64 {
     let mut best: f64 = 0.0;
-    for growth_1_s in RATES_1_S {
-        let back = (-growth_1_s / rate_hz).exp();
-        let mut stood: C = line.iter().sum();
-        let (mut grown, mut energy) = (C::ZERO, 0.0);
-        for (q, x) in line.iter().enumerate().rev() {
-            // What is older than this value grew, up to the size at which it stands from here on.
-            if q < line.len() - line.len() / 4 {
-                best = best.max((stood + grown * back).norm_sqr() / ((q + 1) as f64 + energy * back * back));
-            }
-            stood -= x;
-            grown = grown * back + x;
-            energy = energy * back * back + 1.0;
+    let back = (-growth).exp();
+    let mut stood: C = line.iter().sum();
+    let (mut grown, mut energy) = (C::ZERO, 0.0);
+    for (q, x) in line.iter().enumerate().rev() {
+        // What is older than this value grew, up to the size at which it stands from here on.
+        if q < line.len() - line.len() / 4 {
+            best = best.max((stood + grown * back).norm_sqr() / ((q + 1) as f64 + energy * back * back));
         }
-        best = best.max(grown.norm_sqr() / energy);
+        stood -= x;
+        grown = grown * back + x;
+        energy = energy * back * back + 1.0;
     }
-    best
+    best.max(grown.norm_sqr() / energy)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Energy of the best growth.
+    fn grown(line: &[C]) -> f64 {
+        RATES_1_S.into_iter().map(|growth_1_s| growing(line, growth_1_s / 500.0)).fold(0.0, f64::max)
+    }
 
     #[test]
     fn a_line_that_grew_is_told_from_one_that_was_switched_on() {
@@ -152,7 +157,7 @@ mod tests {
         let of = |size: &dyn Fn(f64) -> f64| {
             let line: Vec<C> = (0..240).map(|q| C::new(size(0.002 * f64::from(q)), 0.0)).collect();
             let all: f64 = line.iter().map(C::norm_sqr).sum();
-            (switched_on(&line, &plain, 500.0) / all, growing(&line, 500.0) / all)
+            (switched_on(&line, &plain, 500.0) / all, grown(&line) / all)
         };
         let (at, growth_nats) = of(&|ago_s| (-20.0 * (ago_s - 0.1).max(0.0)).exp());
         assert!(growth_nats > 0.999 && at < 0.95, "{at} {growth_nats}");
@@ -177,6 +182,6 @@ mod tests {
             .map(|x| C::new(x, 0.0))
             .collect();
         let all: f64 = began.iter().map(C::norm_sqr).sum();
-        assert!(switched_on(&began, &filter, 500.0) > 0.999 * all && growing(&began, 500.0) < 0.1 * all);
+        assert!(switched_on(&began, &filter, 500.0) > 0.999 * all && grown(&began) < 0.1 * all);
     }
 }

@@ -59,6 +59,9 @@ pub(super) struct Criteria {
     /// Evidence that a line may have against it whose beginning nobody saw well: chatter begins three times
     /// as often as a tone.
     pub(super) unseen_nats: f64,
+    /// Against the fastest of the rates of growth, which is nearly that of a tone: of ten beginnings of
+    /// chatter one is as fast.
+    pub(super) fastest_nats: f64,
     /// Shape of the gamma distribution of its power: known within 50 %. Of 2, 3, 4 and 6 the one with which
     /// loud noise of a servo is silent and violent first entries are heard.
     pub(super) stable_shape: f64,
@@ -107,6 +110,7 @@ pub(super) const CRITERIA: Criteria = Criteria {
     stable_share: 0.15,
     switched: 0.05,
     unseen_nats: 1.0,
+    fastest_nats: 2.0,
     stable_shape: 4.0,
     filled_delays: 3.0,
     resolved_turns: 3.0,

@@ -10,8 +10,6 @@ const SMOOTH_S: f64 = 0.012;
 /// Looks that are kept: a third of a second, one turn at 190 rpm. For so long the friction of a servo gives
 /// way to a force that has come: another change belongs to the first.
 const LOOKS: usize = 64;
-/// Looks that are the newest: 0.1 s.
-const NEWEST: usize = 20;
 /// Share of the force that a change must have: chatter itself moves the mean by less.
 const SHARE: f64 = 0.3;
 /// And over the usual ripple from turn to turn.
@@ -87,11 +85,11 @@ crate::keyframe::keep!(CutLevelState {
 });
 
 impl CutLevelState {
-    /// Farthest that the level went from rest in the newest looks: what an entry rises to.
+    /// Farthest that the level went from rest in the last tenth of a second: what an entry rises to.
     /// Checked by: `an_entry_is_what_the_level_went_from_rest`.
     pub(super) fn reached_n(&self) -> f64 {
         let rest_n = if self.moved && self.rest_n.is_finite() { self.rest_n } else { 0.0 };
-        self.looks[..self.seen.clamp(1, NEWEST)].iter().map(|n| (n - rest_n).abs()).fold(0.0, f64::max)
+        self.looks[..self.seen.clamp(1, LOOKS / 3)].iter().map(|n| (n - rest_n).abs()).fold(0.0, f64::max)
     }
 
     /// Mean of that many looks, or of those that there are.
@@ -166,7 +164,14 @@ impl CutLevel {
             _ => OVER_RIPPLE,
         };
         let changes = apart > large && apart > over_ripple * state.ripple_n;
-        let rises = state.level_n.abs() > before.abs();
+        // A tool pushes and never pulls: always to one side, wherever the level of the air is.
+        let push_n = state.cut_n - state.air_n;
+        let rises = match self.mean {
+            MeanForce::Whole if (state.level_n - state.air_n).abs() < push_n.abs() => {
+                (state.level_n - before) * push_n > 0.0
+            }
+            _ => state.level_n.abs() > before.abs(),
+        };
         let begins = changes && !state.changing && state.seen > state.quiet_until;
         state.changing = changes;
         if changes {

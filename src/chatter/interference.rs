@@ -96,9 +96,10 @@ impl Interference {
         if context.alarm {
             return;
         }
+        // Where a cut begins all else is there at once, too; where no tool was seen to enter, all of it was.
         let passes_nats = match (context.learning, line.stands()) {
-            (true, _) => -least_nats,
-            (_, true) => -CRITERIA.unseen_nats,
+            (true, _) if !context.entered => -least_nats,
+            (true, _) | (_, true) => -CRITERIA.unseen_nats,
             _ => least_nats,
         };
         if line.moved || line.grown_nats <= passes_nats {
@@ -129,6 +130,7 @@ mod tests {
             entries_known: true,
             cuts: true,
             left: false,
+            entered: true,
             no_model: false,
             stable_n2: f64::INFINITY,
             whitener: Whitener::plain(),

@@ -25,6 +25,7 @@ mod history;
 mod interference;
 mod lines;
 mod monitor;
+mod near;
 mod orders;
 mod outliers;
 mod sub_band;

@@ -104,6 +104,8 @@ pub(super) struct Context {
     /// Whether a tool is in the cut, and whether they were seen to leave it.
     pub(super) cuts: bool,
     pub(super) left: bool,
+    /// Whether they were seen to enter it.
+    pub(super) entered: bool,
     /// Whether nothing at all is known of the noise.
     pub(super) no_model: bool,
     /// Most power that the noise of a stable cut has at a place, N^2; infinite where it is not known.

@@ -1,0 +1,165 @@
+//! What is near a line: orders of the spindle, and noise through a damped mode, which in a short while looks
+//! like a line. Its spectrum falls off to both sides as 1/(damping^2 + distance^2), that of a line over white
+//! noise at once.
+
+use super::criteria::{CRITERIA, LONGEST, RATES_1_S, WINDOWS};
+use super::window::{Context, Window, fit};
+use nalgebra::Complex;
+use std::f64::consts::TAU;
+
+type C = Complex<f64>;
+
+impl Window<'_> {
+    /// Templates of both orders beside the line, where the window tells them apart; where a cut begins they
+    /// may change steadily.
+    pub(super) fn beside(&self) -> usize {
+        let Context { learning, entries_known, .. } = *self.context;
+        match learning && self.turns_of_spindle() >= CRITERIA.resolved_turns {
+            true if entries_known => 4,
+            true => 2,
+            false => 0,
+        }
+    }
+
+    /// The line beside what the orders next to it explain: one after the other, each without the ones before.
+    pub(super) fn near(&self, orders: usize) -> Near {
+        let n = self.e.len();
+        let mut basis = [[C::ZERO; LONGEST]; 5];
+        self.templates(&mut basis, orders);
+        let mut rest = [C::ZERO; LONGEST];
+        rest[..n].copy_from_slice(self.e);
+        let mut alone = 0.0;
+        for k in 0..=orders {
+            let (done, left) = basis.split_at_mut(k);
+            let now = &mut left[0][..n];
+            for b in done.iter() {
+                let share: C = b[..n].iter().zip(now.iter()).map(|(b, y)| b.conj() * y).sum();
+                now.iter_mut().zip(&b[..n]).for_each(|(y, b)| *y -= share * b);
+            }
+            let size = now.iter().map(C::norm_sqr).sum::<f64>().sqrt().max(f64::MIN_POSITIVE);
+            now.iter_mut().for_each(|y| *y /= size);
+            let share: C = now.iter().zip(&rest[..n]).map(|(b, x)| b.conj() * x).sum();
+            rest[..n].iter_mut().zip(now.iter()).for_each(|(x, b)| *x -= share * b);
+            alone = share.norm_sqr();
+        }
+        let (rest, cells) = self.cells(&rest[..n]);
+        Near { alone, rest: rest[..cells].iter().sum(), values: cells as f64 }
+    }
+
+    /// Energies near the line in cells of the window, the line's in the middle, and how many they are.
+    fn cells(&self, x: &[C]) -> ([f64; WINDOWS[0]], usize) {
+        let n = x.len() as f64;
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few")]
+        let side = ((CRITERIA.line_hz * n / self.context.rate_hz) as usize).clamp(2, WINDOWS[0] / 2 - 1);
+        let mut cells = [0.0; WINDOWS[0]];
+        for (k, to) in cells[..=2 * side].iter_mut().enumerate() {
+            *to = fit(x, self.turns() + (k as f64 - side as f64) / n, 0.0);
+        }
+        (cells, 2 * side + 1)
+    }
+
+    /// Evidence, nats, for a line over white noise against noise through a mode of 10 1/s over white noise:
+    /// Whittle's likelihoods of the cells, both levels fitted.
+    /// Checked by: `noise_through_a_mode_has_the_expected_energies`.
+    pub(super) fn over_mode_nats(&self) -> f64 {
+        let (energies, cells) = self.cells(self.e);
+        let Near { rest, values, .. } = self.near(0);
+        let dies = RATES_1_S[0] * self.e.len() as f64 / self.context.rate_hz;
+        let mut mode = [0.0; WINDOWS[0]];
+        for (k, to) in mode[..cells].iter_mut().enumerate() {
+            *to = expected(dies, k as f64 - (cells / 2) as f64);
+        }
+        let (energies, mode) = (&energies[..cells], &mode[..cells]);
+        let of = |white: f64| {
+            let ratios = energies.iter().zip(mode).map(|(energy, mode)| energy / (mode + white));
+            let logs = mode.iter().map(|mode| (mode + white).ln()).sum::<f64>();
+            logs + values * (ratios.sum::<f64>() / rest.max(1e-6 * self.line.contrast)).ln()
+        };
+        (0..12).map(|k| of(mode[cells / 2] * 0.5f64.powi(k))).fold(of(0.0), f64::min)
+    }
+
+    /// The `orders` next to the line, then the line.
+    fn templates(&self, basis: &mut [[C; LONGEST]; 5], orders: usize) {
+        let Context { speed_hz, centre_hz, rate_hz, .. } = *self.context;
+        let n = self.e.len();
+        let below = ((centre_hz + self.line.offset_hz) / speed_hz.max(f64::MIN_POSITIVE)).floor();
+        for (k, b) in basis[..orders].iter_mut().enumerate() {
+            for (q, y) in b[..n].iter_mut().enumerate() {
+                let value = &self.history.last(n)[q];
+                let turn = (below + (k % 2) as f64) * value.angle_turns;
+                let size = if k < 2 { 1.0 } else { q as f64 };
+                *y = value.mixer * C::from_polar(size, TAU * turn.fract()) * self.chirp[q];
+            }
+        }
+        let back = C::from_polar((-self.line.growth_1_s / rate_hz).exp(), -TAU * self.turns());
+        let mut line = C::ONE;
+        for y in basis[orders][..n].iter_mut().rev() {
+            *y = line;
+            line *= back;
+        }
+    }
+}
+
+/// What is near the line.
+pub(super) struct Near {
+    /// Energy of the line beside what the orders explain.
+    alone: f64,
+    /// Energy near it that neither explains.
+    pub(super) rest: f64,
+    /// Values that hold it.
+    pub(super) values: f64,
+}
+
+impl Near {
+    /// ln of what there is over what the line leaves.
+    pub(super) fn coherence(&self) -> f64 {
+        (1.0 + self.alone / self.rest.max(1e-6 * self.alone)).ln()
+    }
+}
+
+/// Expected energy, in cell `k` from its middle, of noise through a mode that dies out by exp(-`dies`) within
+/// the window: that of exp(-s |t|) under a triangle.
+fn expected(dies: f64, k: f64) -> f64 {
+    let a = C::new(dies, TAU * k);
+    let fade = (-dies).exp();
+    2.0 * (C::ONE / a - (C::ONE - fade) / (a * a)).re
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Against the mean of the energies that noise through a mode has: an autoregressive process of one
+    /// value with many seeds.
+    #[test]
+    fn noise_through_a_mode_has_the_expected_energies() {
+        const N: usize = 96;
+        let (dies, streams) = (2.0, 4000);
+        let keeps = (-dies / N as f64).exp();
+        let mut state = 12345u64;
+        let mut uniform = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            ((state >> 11) as f64 + 0.5) / (1u64 << 53) as f64
+        };
+        let mut normal = || {
+            let (a, b) = (uniform(), uniform());
+            C::from_polar((-a.ln()).sqrt(), TAU * b)
+        };
+        let mut means = [0.0; 4];
+        for _ in 0..streams {
+            let mut x = normal();
+            let mut sums = [C::ZERO; 4];
+            for q in 0..N {
+                for (k, sum) in sums.iter_mut().enumerate() {
+                    *sum += x * C::from_polar(1.0, -TAU * (k * q) as f64 / N as f64);
+                }
+                x = x * keeps + normal() * (1.0 - keeps * keeps).sqrt();
+            }
+            means.iter_mut().zip(sums).for_each(|(m, s)| *m += s.norm_sqr() / f64::from(streams));
+        }
+        for (k, mean) in means.into_iter().enumerate() {
+            let foretold = expected(dies, k as f64) * (N * N) as f64;
+            assert!((mean / foretold - 1.0).abs() < 0.08, "{k}: {mean} {foretold}");
+        }
+    }
+}
