@@ -96,8 +96,9 @@ impl Window<'_> {
     }
 
     /// Against noise through a damped mode, over its threshold: by its spectrum, and where a cut begins by
-    /// what the orders leave too: noise of damping sigma has 1 + sigma T independent values. And louder than
-    /// the noise of a stable cut. The second: whether it is too loud to be learned as noise.
+    /// what the orders leave too: noise of damping sigma has 1 + sigma T independent values. By that alone
+    /// where nothing tells when a cut begins. And louder than the noise of a stable cut. The second: whether
+    /// it is too loud to be learned as noise.
     fn mode_nats(&self, beside: &Near) -> (f64, bool) {
         let Context { learning, entries_known, cuts, no_model, stable_n2, rate_hz, .. } = *self.context;
         if !learning && entries_known && self.which + 1 != WINDOWS.len() {

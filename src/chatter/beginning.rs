@@ -29,10 +29,10 @@ impl Window<'_> {
 
     /// Evidence, nats, that the line grew and may stand since, against one that was switched on and may have
     /// faded since.
-    pub(super) fn growth_nats(&self) -> f64 {
+    fn growth_nats(&self) -> f64 {
         let Context { whitener, rate_hz, .. } = self.context;
         let switched = |line: &[C], turns: f64| switched_on(line, &whitener.at(turns), *rate_hz);
-        *self.growth_nats.get_or_init(|| self.more_than(self.history.white(self.seen), switched))
+        self.more_than(self.history.white(self.seen), switched)
     }
 
     /// The same against one that moved here.

@@ -164,15 +164,17 @@ impl CutLevel {
             _ => OVER_RIPPLE,
         };
         let changes = apart > large && apart > over_ripple * state.ripple_n;
-        // A tool pushes and never pulls: always to one side, wherever the level of the air is.
+        let begins = changes && !state.changing && state.seen > state.quiet_until;
+        // What goes on past zero as the tools leave is no entry: a change rises to the side to which they
+        // pushed, or begins.
         let push_n = state.cut_n - state.air_n;
+        let away = state.level_n.abs() > before.abs();
         let rises = match self.mean {
             MeanForce::Whole if (state.level_n - state.air_n).abs() < push_n.abs() => {
-                (state.level_n - before) * push_n > 0.0
+                (state.level_n - before) * push_n > 0.0 || (begins && away)
             }
-            _ => state.level_n.abs() > before.abs(),
+            _ => away,
         };
-        let begins = changes && !state.changing && state.seen > state.quiet_until;
         state.changing = changes;
         if changes {
             (state.moved, state.quiet_until) = (true, state.seen + LOOKS);
@@ -261,6 +263,19 @@ mod tests {
         };
         assert_eq!(told(0.1), 0);
         assert!(told(0.5) > 0);
+    }
+
+    /// As tools leave, a sensor that has drifted passes through zero; another may push to the other side.
+    #[test]
+    fn what_goes_on_past_zero_is_no_entry_and_a_push_to_the_other_side_is_one() {
+        let pass = |t: f64, at: f64, n: f64| {
+            n * (((t - at) / 0.05).clamp(0.0, 1.0) - ((t - at - 1.0) / 0.1).clamp(0.0, 1.0))
+        };
+        let drift = |t: f64| -2.6 * ((t - 1.5) / 0.5).clamp(0.0, 1.0) + 0.1 * (t * 600.0).sin();
+        let one = changes(|t| drift(t) + pass(t, 1.0, 70.0));
+        assert!(one.len() == 2 && (one[1] - 2.1).abs() < 0.1, "{one:?}");
+        let two = changes(|t| drift(t) + pass(t, 1.0, 80.0) + pass(t, 3.0, -60.0));
+        assert!(two.len() == 4 && (two[2] - 3.0).abs() < 0.05 && (two[3] - 4.1).abs() < 0.1, "{two:?}");
     }
 
     #[test]

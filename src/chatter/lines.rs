@@ -7,7 +7,6 @@ use super::history::{History, Value};
 use super::sustained::{BLOCK, KEPT, Residuals, since};
 use super::window::{Conditions, Context, Detection, Window, fits};
 use nalgebra::Complex;
-use std::cell::OnceCell;
 use std::f64::consts::{EULER_GAMMA, PI, TAU};
 
 type C = Complex<f64>;
@@ -108,8 +107,7 @@ impl Test {
         };
         let seen = context.seen.min(LONGEST + PAST);
         history.whiten(seen);
-        let growth_nats = OnceCell::new();
-        Window { e: &e, chirp: &chirp, history, context, total, line, which, seen, growth_nats }.judge()
+        Window { e: &e, chirp: &chirp, history, context, total, line, which, seen }.judge()
     }
 
     /// The best line of the window.

@@ -297,7 +297,7 @@ impl SubBand {
             entries_known: means,
             cuts: Self::cuts(state, now),
             left: state.left,
-            entered: state.in_cut,
+            entered: means && state.in_cut && !no_model,
             no_model,
             stable_n2: self.stable_n2(state, now),
             whitener: if no_model { Whitener::plain() } else { state.whitener },

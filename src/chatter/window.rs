@@ -6,7 +6,6 @@ use super::history::History;
 use super::whitening::Whitener;
 use crate::keyframe::keep;
 use nalgebra::Complex;
-use std::cell::OnceCell;
 use std::f64::consts::TAU;
 
 type C = Complex<f64>;
@@ -114,9 +113,10 @@ pub(super) struct Context {
 }
 
 impl Context {
-    /// Evidence from which on a beginning is told. All else that begins with a cut is there at once, too.
+    /// Evidence from which on a beginning is told. Where no tool was seen to enter all that is heard was
+    /// there at once.
     pub(super) fn beginning_nats(&self) -> f64 {
-        if self.learning { self.levels.cause_nats } else { self.levels.switched_nats }
+        if self.learning && !self.entered { self.levels.cause_nats } else { self.levels.switched_nats }
     }
 }
 
@@ -131,8 +131,6 @@ pub(super) struct Window<'a> {
     pub(super) total: f64,
     pub(super) line: Detection,
     pub(super) which: usize,
-    /// Evidence that the line grew, once it was asked for.
-    pub(super) growth_nats: OnceCell<f64>,
 }
 
 /// Evidence, nats, that a line of `power_n2` is louder than the noise of a stable cut: the power of a line of
