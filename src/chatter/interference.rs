@@ -96,10 +96,9 @@ impl Interference {
         if context.alarm {
             return;
         }
-        // Where a cut begins nobody sees well how a line did; where no tool was seen to enter, nobody could.
         let passes_nats = match (context.learning, line.stands()) {
-            (true, _) if !context.entered => -least_nats,
-            (true, _) | (_, true) => -CRITERIA.unseen_nats,
+            (true, _) => -least_nats,
+            (_, true) => -CRITERIA.unseen_nats,
             _ => least_nats,
         };
         if line.moved || line.grown_nats <= passes_nats {
@@ -130,25 +129,9 @@ mod tests {
             entries_known: true,
             cuts: true,
             left: false,
-            entered: true,
             no_model: false,
             stable_n2: f64::INFINITY,
             whitener: Whitener::plain(),
-        }
-    }
-
-    #[test]
-    fn while_the_noise_is_young_a_line_is_refused_where_a_tool_was_seen_to_enter() {
-        for (entered, grown_nats, counts) in
-            [(true, 0.0, true), (true, -1.2, false), (false, -5.0, true), (false, -14.0, false)]
-        {
-            let now = Context { learning: true, entered, ..context() };
-            let (mut lines, grown_nats) = (Interference::default(), Some(grown_nats));
-            let (evidence, over_noise) = (2.0, 2.0);
-            let mut heard =
-                Detection { evidence, over_noise, power_n2: 1.0, grown_nats, ..Detection::default() };
-            lines.judge(&mut heard, 1, &now);
-            assert_eq!(heard.evidence > 1.0, counts, "{entered} {grown_nats:?}");
         }
     }
 

@@ -11,11 +11,11 @@ type C = Complex<f64>;
 
 impl Window<'_> {
     /// Templates of both orders beside the line, where the window tells them apart; where a cut begins they
-    /// may change steadily.
+    /// may change steadily in the longest window, which alone has cells enough for that.
     pub(super) fn beside(&self) -> usize {
         let Context { learning, entries_known, .. } = *self.context;
         match learning && self.turns_of_spindle() >= CRITERIA.resolved_turns {
-            true if entries_known => 4,
+            true if entries_known && self.e.len() == LONGEST => 4,
             true => 2,
             false => 0,
         }
@@ -43,11 +43,7 @@ impl Window<'_> {
             alone = share.norm_sqr();
         }
         let (rest, cells) = self.cells(&rest[..n]);
-        // Orders that may ramp have taken their share of it: of few cells, most.
-        let taken = if orders > 2 { orders } else { 0 };
-        let free = cells.saturating_sub(1 + taken).max(1);
-        let rest = rest[..cells].iter().sum::<f64>() * (cells - 1) as f64 / free as f64;
-        Near { alone, rest, values: cells as f64 }
+        Near { alone, rest: rest[..cells].iter().sum(), values: cells as f64 }
     }
 
     /// Energies near the line in cells of the window, the line's in the middle, and how many they are.

@@ -297,7 +297,6 @@ impl SubBand {
             entries_known: means,
             cuts: Self::cuts(state, now),
             left: state.left,
-            entered: means && state.in_cut && !no_model,
             no_model,
             stable_n2: self.stable_n2(state, now),
             whitener: if no_model { Whitener::plain() } else { state.whitener },

@@ -103,8 +103,6 @@ pub(super) struct Context {
     /// Whether a tool is in the cut, and whether they were seen to leave it.
     pub(super) cuts: bool,
     pub(super) left: bool,
-    /// Whether they were seen to enter it.
-    pub(super) entered: bool,
     /// Whether nothing at all is known of the noise.
     pub(super) no_model: bool,
     /// Most power that the noise of a stable cut has at a place, N^2; infinite where it is not known.
@@ -113,10 +111,9 @@ pub(super) struct Context {
 }
 
 impl Context {
-    /// Evidence from which on a beginning is told. Where no tool was seen to enter all that is heard was
-    /// there at once.
+    /// Evidence from which on a beginning is told. All else that begins with a cut is there at once, too.
     pub(super) fn beginning_nats(&self) -> f64 {
-        if self.learning && !self.entered { self.levels.cause_nats } else { self.levels.switched_nats }
+        if self.learning { self.levels.cause_nats } else { self.levels.switched_nats }
     }
 }
 
