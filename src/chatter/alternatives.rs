@@ -41,9 +41,9 @@ impl Window<'_> {
         }
         self.line.power_n2 = self.power_n2();
         let mut found = self.line;
-        let beside = self.near(self.beside());
-        let order = self.order_nats(&beside) / levels.cause_nats;
-        let (mode, kept) = self.mode_nats(&beside);
+        let beside = self.asks_mode().then(|| self.near(self.beside()));
+        let order = self.order_nats(beside.as_ref()) / levels.cause_nats;
+        let (mode, kept) = self.mode_nats(beside.as_ref());
         let terms = [
             (self.against(self.e.len() as f64 - 1.0, self.ring()) / levels.cause_nats, Reason::RingDown),
             (order, Reason::Order),
@@ -72,26 +72,33 @@ impl Window<'_> {
         values * (self.miss(other) / self.miss(self.line.contrast)).ln()
     }
 
-    /// Against orders that changed: as templates of the window, among what is near the line, and as learned.
-    fn order_nats(&self, beside: &Near) -> f64 {
+    /// Whether noise through a mode is an alternative: where it is known, the longest window alone tells.
+    fn asks_mode(&self) -> bool {
+        let Context { learning, entries_known, .. } = *self.context;
+        learning || !entries_known || self.which + 1 == WINDOWS.len()
+    }
+
+    /// Against orders that changed: as templates of the window, and as learned; of a cut whose noise is not
+    /// known, among what is near the line.
+    fn order_nats(&self, beside: Option<&Near>) -> f64 {
         let Context { learning, entries_known, orders: known, .. } = *self.context;
-        let n = self.e.len() as f64;
         let orders = self.orders();
-        let nats = if !learning {
-            self.against(n - 1.0, orders)
-        } else if self.beside() > 0 {
-            beside.values * beside.coherence()
-        } else {
-            let left = |other: f64| {
-                (self.line.contrast + beside.rest - other).max(beside.rest).max(1e-6 * self.line.contrast)
-            };
-            beside.values * (left(orders) / left(self.line.contrast)).ln()
+        let (nats, values) = match beside.filter(|_| learning) {
+            None => {
+                let values = self.e.len() as f64 - 1.0;
+                (self.against(values, orders), values)
+            }
+            Some(beside) if self.beside() > 0 => (beside.values * beside.coherence(), beside.values),
+            Some(&Near { rest, values, .. }) => {
+                let line = self.line.contrast;
+                let left = |other: f64| (line + rest - other).max(rest).max(1e-6 * line);
+                (values * (left(orders) / left(line)).ln(), values)
+            }
         };
         if learning && entries_known && !known {
             // They are learned with the line in them.
             return nats;
         }
-        let values = if learning { beside.values } else { n - 1.0 };
         nats.min(self.against(values, self.learned_orders()))
     }
 
@@ -99,24 +106,18 @@ impl Window<'_> {
     /// what the orders leave too: noise of damping sigma has 1 + sigma T independent values. By that alone
     /// where nothing tells when a cut begins. And louder than the noise of a stable cut. The second: whether
     /// it is too loud to be learned as noise.
-    fn mode_nats(&self, beside: &Near) -> (f64, bool) {
-        let Context { learning, entries_known, cuts, no_model, stable_n2, rate_hz, .. } = *self.context;
-        if !learning && entries_known && self.which + 1 != WINDOWS.len() {
-            return (f64::INFINITY, false);
-        }
+    fn mode_nats(&self, beside: Option<&Near>) -> (f64, bool) {
+        let Context { levels, learning, entries_known, cuts, no_model, stable_n2, .. } = *self.context;
+        let Some(beside) = beside else { return (f64::INFINITY, false) };
         let loud = if learning { loudness_nats(self.line.power_n2, stable_n2) } else { 0.0 };
-        let levels = &self.context.levels;
-        let times = 1.0 + RATES_1_S[0] * self.e.len() as f64 / rate_hz;
-        let coherent = times * beside.coherence();
-        let over_mode = match (entries_known, learning) {
-            (true, true) => self.over_mode_nats().max(coherent),
-            (true, false) => self.over_mode_nats(),
-            (false, _) => coherent,
-        };
-        let nats = match (entries_known, learning) {
-            (true, true) if cuts => levels.cause_nats,
-            (true, false) => levels.mode_nats,
-            _ => levels.entry_unknown_nats,
+        let coherent = (1.0 + self.mode_decay()) * beside.coherence();
+        let (over_mode, nats) = match (entries_known, learning) {
+            (true, true) => {
+                let nats = if cuts { levels.cause_nats } else { levels.entry_unknown_nats };
+                (self.over_mode_nats(&self.near(0)).max(coherent), nats)
+            }
+            (true, false) => (self.over_mode_nats(beside), levels.mode_nats),
+            (false, _) => (coherent, levels.entry_unknown_nats),
         };
         ((over_mode + loud) / nats, no_model && 2.0 * loud > 1.0)
     }

@@ -48,7 +48,8 @@ impl Window<'_> {
         let rate_hz = self.context.rate_hz;
         let mut line = [C::ZERO; LONGEST + PAST];
         let line = &mut line[..n];
-        let ([mut all, mut not], mut grown) = ([0.0; 2], [0.0; RATES_1_S.len()]);
+        let [mut all, mut not] = [0.0; 2];
+        let mut grown = [0.0; RATES_1_S.len()];
         for k in -2..=2 {
             let turns = self.turns() + f64::from(k) * 0.25 / self.e.len() as f64;
             for (q, (to, from)) in line.iter_mut().zip(values.iter().rev()).enumerate() {
@@ -58,8 +59,9 @@ impl Window<'_> {
             }
             all = line.iter().map(C::norm_sqr).sum();
             not = other(line, turns).max(not);
-            let now = RATES_1_S.map(|growth_1_s| growing(line, growth_1_s / rate_hz));
-            grown = std::array::from_fn(|k| now[k].max(grown[k]));
+            for (most, growth_1_s) in grown.iter_mut().zip(RATES_1_S) {
+                *most = growing(line, growth_1_s / rate_hz).max(*most);
+            }
         }
         let left = |energy: f64| (all - energy).max(1e-12 * all);
         let nats = grown.map(|energy| (n as f64 - 1.0) * (left(not) / left(energy)).ln());

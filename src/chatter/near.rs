@@ -42,41 +42,20 @@ impl Window<'_> {
             rest[..n].iter_mut().zip(now.iter()).for_each(|(x, b)| *x -= share * b);
             alone = share.norm_sqr();
         }
-        let (rest, cells) = self.cells(&rest[..n]);
-        Near { alone, rest: rest[..cells].iter().sum(), values: cells as f64 }
+        let cells = Cells::near(&rest[..n], self);
+        Near { alone, rest: cells.energies().iter().sum(), values: cells.energies().len() as f64 }
     }
 
-    /// Energies near the line in cells of the window, the line's in the middle, and how many they are.
-    fn cells(&self, x: &[C]) -> ([f64; WINDOWS[0]], usize) {
-        let n = x.len() as f64;
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few")]
-        let side = ((CRITERIA.line_hz * n / self.context.rate_hz) as usize).clamp(2, WINDOWS[0] / 2 - 1);
-        let mut cells = [0.0; WINDOWS[0]];
-        for (k, to) in cells[..=2 * side].iter_mut().enumerate() {
-            *to = fit(x, self.turns() + (k as f64 - side as f64) / n, 0.0);
-        }
-        (cells, 2 * side + 1)
+    /// By how much noise through a mode of 10 1/s dies out within the window, natural logarithm.
+    pub(super) fn mode_decay(&self) -> f64 {
+        RATES_1_S[0] * self.e.len() as f64 / self.context.rate_hz
     }
 
-    /// Evidence, nats, for a line over white noise against noise through a mode of 10 1/s over white noise:
-    /// Whittle's likelihoods of the cells, both levels fitted. A mode below the white noise is left to the
-    /// tests against noise.
-    /// Checked by: `noise_through_a_mode_has_the_expected_energies`.
-    pub(super) fn over_mode_nats(&self) -> f64 {
-        let (energies, cells) = self.cells(self.e);
-        let Near { rest, values, .. } = self.near(0);
-        let dies = RATES_1_S[0] * self.e.len() as f64 / self.context.rate_hz;
-        let mut mode = [0.0; WINDOWS[0]];
-        for (k, to) in mode[..cells].iter_mut().enumerate() {
-            *to = expected(dies, k as f64 - (cells / 2) as f64);
-        }
-        let (energies, mode) = (&energies[..cells], &mode[..cells]);
-        let of = |white: f64| {
-            let ratios = energies.iter().zip(mode).map(|(energy, mode)| energy / (mode + white));
-            let logs = mode.iter().map(|mode| (mode + white).ln()).sum::<f64>();
-            logs + values * (ratios.sum::<f64>() / rest.max(1e-6 * self.line.contrast)).ln()
-        };
-        (0..12).map(|k| of(mode[cells / 2] * 0.5f64.powi(k))).fold(of(0.0), f64::min)
+    /// Evidence, nats, for a line over white noise against noise through a mode of 10 1/s over white noise.
+    /// `near`: without orders.
+    pub(super) fn over_mode_nats(&self, near: &Near) -> f64 {
+        let rest = near.rest.max(1e-6 * self.line.contrast);
+        over_mode_nats(Cells::near(self.e, self).energies(), rest, self.mode_decay())
     }
 
     /// The `orders` next to the line, then the line.
@@ -118,11 +97,55 @@ impl Near {
     }
 }
 
-/// Expected energy, in cell `k` from its middle, of noise through a mode that dies out by exp(-`dies`) within
-/// the window: that of exp(-s |t|) under a triangle.
-fn expected(dies: f64, k: f64) -> f64 {
-    let a = C::new(dies, TAU * k);
-    let fade = (-dies).exp();
+/// Energies in cells of a window, the line's in the middle.
+struct Cells {
+    /// Fewer than the shortest window has values.
+    energies: [f64; WINDOWS[0]],
+    /// To each side.
+    side: usize,
+}
+
+impl Cells {
+    /// Of the values `x` of a window, as far as is near its line.
+    fn near(x: &[C], window: &Window) -> Self {
+        let n = x.len() as f64;
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few")]
+        let side = ((CRITERIA.line_hz * n / window.context.rate_hz) as usize).clamp(2, WINDOWS[0] / 2 - 1);
+        let mut cells = Self { energies: [0.0; WINDOWS[0]], side };
+        for (k, to) in cells.energies[..=2 * side].iter_mut().enumerate() {
+            *to = fit(x, window.turns() + (k as f64 - side as f64) / n, 0.0);
+        }
+        cells
+    }
+
+    fn energies(&self) -> &[f64] {
+        &self.energies[..=2 * self.side]
+    }
+}
+
+/// Evidence, nats, of these `energies` in cells around a line, `rest` of them without it, for a line over
+/// white noise against noise through a mode and white noise: Whittle's likelihoods, all levels fitted. A mode
+/// below the white noise is left to the tests against noise.
+/// Checked by: `a_line_is_told_from_noise_through_a_mode`.
+fn over_mode_nats(energies: &[f64], rest: f64, decay: f64) -> f64 {
+    let middle = energies.len() / 2;
+    let mut mode = [0.0; WINDOWS[0]];
+    let mode = &mut mode[..energies.len()];
+    mode.iter_mut().enumerate().for_each(|(k, to)| *to = expected(decay, k as f64 - middle as f64));
+    let of = |white: f64| {
+        let ratios = energies.iter().zip(&*mode).map(|(energy, mode)| energy / (mode + white));
+        let logs = mode.iter().map(|mode| (mode + white).ln()).sum::<f64>();
+        logs + energies.len() as f64 * (ratios.sum::<f64>() / rest).ln()
+    };
+    (0..12).map(|k| of(mode[middle] * 0.5f64.powi(k))).fold(of(0.0), f64::min)
+}
+
+/// Expected energy, in cell `k` from its middle, of noise through a mode that dies out by exp(-`decay`)
+/// within the window: that of exp(-s |t|) under a triangle.
+/// Checked by: `noise_through_a_mode_has_the_expected_energies`.
+fn expected(decay: f64, k: f64) -> f64 {
+    let a = C::new(decay, TAU * k);
+    let fade = (-decay).exp();
     2.0 * (C::ONE / a - (C::ONE - fade) / (a * a)).re
 }
 
@@ -135,8 +158,8 @@ mod tests {
     #[test]
     fn noise_through_a_mode_has_the_expected_energies() {
         const N: usize = 96;
-        let (dies, streams) = (2.0, 4000);
-        let keeps = (-dies / N as f64).exp();
+        let (decay, streams) = (2.0, 4000);
+        let keeps = (-decay / N as f64).exp();
         let mut state = 12345u64;
         let mut uniform = || {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -159,8 +182,23 @@ mod tests {
             means.iter_mut().zip(sums).for_each(|(m, s)| *m += s.norm_sqr() / f64::from(streams));
         }
         for (k, mean) in means.into_iter().enumerate() {
-            let foretold = expected(dies, k as f64) * (N * N) as f64;
+            let foretold = expected(decay, k as f64) * (N * N) as f64;
             assert!((mean / foretold - 1.0).abs() < 0.08, "{k}: {mean} {foretold}");
+        }
+    }
+
+    /// What is as the mode foretells speaks for it, a line over a flat rest against it, whatever the level.
+    #[test]
+    fn a_line_is_told_from_noise_through_a_mode() {
+        let decay = 3.84;
+        let (mode, middle) = ((-7..=7).map(|k| expected(decay, f64::from(k))).collect::<Vec<f64>>(), 7);
+        let line: Vec<f64> = (0..15).map(|k| if k == middle { 1000.0 } else { 1.0 }).collect();
+        for level in [1e-3, 1.0, 1e6] {
+            let of = |energies: &[f64]| {
+                let energies: Vec<f64> = energies.iter().map(|energy| level * energy).collect();
+                over_mode_nats(&energies, energies.iter().sum::<f64>() - energies[middle], decay)
+            };
+            assert!(of(&mode) < 0.0 && of(&line) > 20.0, "{level}: {} {}", of(&mode), of(&line));
         }
     }
 }
