@@ -15,7 +15,14 @@ impl Window<'_> {
     /// What the beginning of the line says of it.
     pub(super) fn judge_beginning(&self, found: &mut Detection) {
         let levels = &self.context.levels;
-        let grown = self.growth_nats() + loudness_nats(found.power_n2, self.context.stable_n2);
+        let Context { rate_hz, stable_n2, .. } = *self.context;
+        let quarter_hz = 0.25 * rate_hz / self.e.len() as f64;
+        let regenerated = self.context.regenerated_nats(self.line.offset_hz, quarter_hz);
+        let grown = self.growth_nats() + loudness_nats(found.power_n2, stable_n2) + regenerated;
+        if self.context.learning && regenerated < -CRITERIA.unseen_nats {
+            let share = regenerated / levels.switched_nats;
+            found.least(CRITERIA.hold * (1.0 + share), Reason::Interference);
+        }
         if grown > -self.context.beginning_nats()
             && !self.context.learning
             && self.seen >= self.e.len() + WINDOWS[0]

@@ -32,7 +32,8 @@ pub(super) struct Criteria {
     pub(super) most: f64,
     /// Values of noise before anything is evidence, s: ten for each coefficient.
     pub(super) first_s: f64,
-    /// Share of the threshold above which a window usually hears a line.
+    /// Share of the threshold above which a window usually hears a line: the square root of its evidence,
+    /// which scatters by 0.7, falls below `hold` by chance at 2.7 deviations.
     pub(super) usual: f64,
     /// Silence before the end, and memory of what is usual in an alarm, s.
     pub(super) end_s: f64,
@@ -56,6 +57,8 @@ pub(super) struct Criteria {
     /// Share of the lines that are switched on which may pass as grown, and of the grown ones that may pass
     /// as switched on: before that the line is heard longer.
     pub(super) switched: f64,
+    /// Widest cut over the narrowest that chatters.
+    pub(super) widest: f64,
     /// Evidence that a line may have against it whose beginning nobody saw well: chatter begins three times
     /// as often as a tone.
     pub(super) unseen_nats: f64,
@@ -99,7 +102,7 @@ pub(super) const CRITERIA: Criteria = Criteria {
     orders_s: 1.0,
     most: 3.0,
     first_s: 0.2,
-    usual: 0.8,
+    usual: 1.2,
     end_s: 0.1,
     usual_s: 0.5,
     louder: 4.0,
@@ -109,6 +112,7 @@ pub(super) const CRITERIA: Criteria = Criteria {
     most_share: 2.0,
     stable_share: 0.15,
     switched: 0.05,
+    widest: 10.0,
     unseen_nats: 1.0,
     fastest_nats: 2.0,
     stable_shape: 4.0,

@@ -120,6 +120,7 @@ mod tests {
             centre_hz: 650.0,
             rate_hz: 500.0,
             speed_hz: 20.0,
+            pitch_rad: None,
             sweep_hz_s: 0.0,
             watched_hz: [-100.0, 100.0],
             seen: LONGEST + PAST,

@@ -9,7 +9,8 @@
 //! One question is asked of every window: does one line that grows or stays explain it better than everything
 //! else that can be there? The answer is a log-likelihood ratio in nats, the least over named alternatives:
 //! noise of unknown level and of the level learned, a ring, an order, a damped mode, a line that was switched
-//! on. Every number that decides stands in `criteria`.
+//! on, or one at a frequency that the pitch of the tools does not feed. Every number that decides stands in
+//! `criteria`.
 //!
 //! It does not know what is cut or what to do about it: see `avoidance`.
 
@@ -28,6 +29,7 @@ mod monitor;
 mod near;
 mod orders;
 mod outliers;
+mod regeneration;
 mod sub_band;
 mod sustained;
 mod sweep;

@@ -87,6 +87,7 @@ pub struct ChatterState {
     lambda: f64,
     cuts: bool,
     mean_tells: bool,
+    pitch_rad: Option<f64>,
     latest: ChatterOutput,
 }
 
@@ -107,6 +108,7 @@ keep!(ChatterState {
     lambda,
     cuts,
     mean_tells,
+    pitch_rad,
     latest
 });
 
@@ -171,6 +173,7 @@ impl ChatterMonitor {
             lambda: 0.0,
             cuts: false,
             mean_tells: true,
+            pitch_rad: None,
             latest: ChatterOutput {
                 phase: Phase::Learning,
                 frequency_hz: None,
@@ -206,6 +209,12 @@ impl ChatterMonitor {
     /// Whether the mean tells of the cut now: that of a drive in motion is what moves it.
     pub fn listen_to_mean(&self, state: &mut ChatterState, tells: bool) {
         state.mean_tells = tells;
+    }
+
+    /// Tells the pitch of two opposed tools that cut one wave each of the other, theta_2 - theta_1, rad;
+    /// `None` where it is not known.
+    pub fn follow_pitch(&self, state: &mut ChatterState, pitch_rad: Option<f64>) {
+        state.pitch_rad = pitch_rad;
     }
 
     /// Band in which a line counts now, Hz.
@@ -318,6 +327,7 @@ impl ChatterMonitor {
             angle_turns: state.angle_turns,
             speed_hz: state.speed_hz,
             speed_change_1_s: self.speed_change_1_s(state),
+            pitch_rad: state.pitch_rad,
             watched_hz: [low.max(a - SAME_LINE_HZ) - centre_hz, high.min(b + SAME_LINE_HZ) - centre_hz],
             learns: !state.decision.alarm && state.lambda < CRITERIA.hold,
             alarm: state.decision.alarm,

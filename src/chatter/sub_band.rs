@@ -288,6 +288,7 @@ impl SubBand {
             centre_hz: self.centre_hz(),
             rate_hz: self.rate_hz(),
             speed_hz: now.speed_hz,
+            pitch_rad: now.pitch_rad,
             sweep_hz_s: self.centre_hz() * now.speed_change_1_s,
             watched_hz: now.watched_hz,
             seen: state.seen,

@@ -67,6 +67,8 @@ pub(super) struct Conditions {
     pub(super) angle_turns: f64,
     pub(super) speed_hz: f64,
     pub(super) speed_change_1_s: f64,
+    /// theta_2 - theta_1 of two opposed tools, where it is known.
+    pub(super) pitch_rad: Option<f64>,
     pub(super) watched_hz: [f64; 2],
     /// Whether what is heard is noise.
     pub(super) learns: bool,
@@ -86,6 +88,7 @@ pub(super) struct Context {
     pub(super) rate_hz: f64,
     /// 0 where it is not known.
     pub(super) speed_hz: f64,
+    pub(super) pitch_rad: Option<f64>,
     /// Of a line at the centre that goes with the speed.
     pub(super) sweep_hz_s: f64,
     /// Relative to the centre.

@@ -456,6 +456,7 @@ impl Pipeline {
             }
             let (force_n, speed_rpm) = (forces[index].force_n, conditions.spindle_speed_rpm);
             away_n += channel.pushed * force_n;
+            self.monitor.follow_pitch(&mut state.monitor, conditions.pitch_difference_rad);
             if let Some(event) = self.monitor.step(&mut state.monitor, force_n, speed_rpm) {
                 heard = Some((index, event));
             }
