@@ -147,6 +147,7 @@ pub fn agree<'a>(
 
 #[cfg(test)]
 mod tests {
+    use super::super::Reason;
     use super::*;
 
     fn output(phase: Phase, frequency_hz: f64) -> ChatterOutput {
@@ -156,6 +157,7 @@ mod tests {
             power_n2: 1.0,
             contrast: 20.0,
             growth_1_s: None,
+            reason: Reason::default(),
             event: None,
         }
     }

@@ -4,10 +4,11 @@
 //! In (n - 1) values of white noise of unknown level a template that explains the energy E of all W leaves
 //! W - E; two of them compare as (n - 1) ln((W - E2)/(W - E1)).
 
+use super::Reason;
 use super::criteria::{CRITERIA, RATES_1_S, WINDOWS};
 use super::fourier::POINTS;
 use super::near::Near;
-use super::window::{Context, Detection, Reason, Window, fit_two, fits, loudness_nats};
+use super::window::{Context, Detection, Window, fit_two, fits, loudness_nats};
 use nalgebra::Complex;
 use std::f64::consts::TAU;
 

@@ -4,8 +4,9 @@
 //! it was switched on within some milliseconds and stands or fades since. The whitening filter leaves more of
 //! a beginning than of what follows, where it knows noise at the place of the line.
 
+use super::Reason;
 use super::criteria::{CRITERIA, LONGEST, MEMORY, PAST, RATES_1_S, RISES, WINDOWS};
-use super::window::{Context, Detection, Reason, Window, loudness_nats};
+use super::window::{Context, Detection, Window, loudness_nats};
 use nalgebra::Complex;
 use std::f64::consts::TAU;
 

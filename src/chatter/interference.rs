@@ -1,8 +1,9 @@
 //! How the lines that are heard began, as it was seen best: while the beginning is in sight each look judges
 //! anew; after that the judgement stands until the line is silent for a while or has grown.
 
+use super::Reason;
 use super::criteria::{CRITERIA, LONGEST, PAST, SAME_LINE_HZ, WINDOWS};
-use super::window::{Context, Detection, Reason};
+use super::window::{Context, Detection};
 use crate::keyframe::keep;
 
 /// One line.

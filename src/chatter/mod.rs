@@ -59,6 +59,8 @@ pub struct ChatterOutput {
     pub contrast: f64,
     /// Rate of growth of the line's amplitude, while there is one.
     pub growth_1_s: Option<f64>,
+    /// What explains best what stands out most, other than chatter.
+    pub reason: Reason,
     /// What began or ended with this sample.
     pub event: Option<ChatterEvent>,
 }
@@ -66,16 +68,18 @@ pub struct ChatterOutput {
 /// Without the event, which belongs to one sample and is told when it happens.
 impl Keep for ChatterOutput {
     fn keep(&self, to: &mut Vec<u64>) {
-        let Self { phase, frequency_hz, power_n2, contrast, growth_1_s, event: _ } = self;
+        let Self { phase, frequency_hz, power_n2, contrast, growth_1_s, reason, event: _ } = self;
         phase.keep(to);
+        reason.keep(to);
         [frequency_hz, growth_1_s].into_iter().for_each(|x| x.keep(to));
         [power_n2, contrast].into_iter().for_each(|x| x.keep(to));
     }
 
     fn restore(&mut self, from: &mut Words<'_>) -> Option<()> {
-        let Self { phase, frequency_hz, power_n2, contrast, growth_1_s, event } = self;
+        let Self { phase, frequency_hz, power_n2, contrast, growth_1_s, reason, event } = self;
         *event = None;
         phase.restore(from)?;
+        reason.restore(from)?;
         [frequency_hz, growth_1_s].into_iter().try_for_each(|x| x.restore(from))?;
         [power_n2, contrast].into_iter().try_for_each(|x| x.restore(from))
     }
@@ -120,7 +124,7 @@ pub enum ChatterEvent {
         to_hz: f64,
     },
     /// A line stood out and was recognised as something else.
-    Dismissed(NotChatter),
+    Dismissed(Reason),
     /// Mean force or noise changed at once: the tools entered or left the cut.
     CutChanged,
 }
@@ -138,11 +142,37 @@ pub struct Line {
     pub contrast: f64,
 }
 
-/// What a line turned out to be that is not chatter.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum NotChatter {
-    /// It rang down: something hit the bar.
+/// What explains what is heard nearly as well as chatter, or better: why there is no alarm.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Reason {
+    /// Noise, of the level that is known or of another.
+    #[default]
+    Noise,
+    /// Something was struck and rings down.
     RingDown,
-    /// It did not last, or all of the band rose with it: a burst of noise.
-    Burst,
+    /// An order of the spindle changed.
+    Order,
+    /// Noise through a damped mode.
+    Mode,
+    /// It was there without the cut, was switched on, moved here, or the pitch of the tools does not feed it.
+    Interference,
+    /// A line larger than a tool makes that only pushes.
+    AbovePush,
+}
+
+crate::keyframe::keep_list!(Reason { Noise, RingDown, Order, Mode, Interference, AbovePush });
+
+impl Reason {
+    /// Its name.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Noise => "noise",
+            Self::RingDown => "ring_down",
+            Self::Order => "order",
+            Self::Mode => "mode",
+            Self::Interference => "interference",
+            Self::AbovePush => "above_push",
+        }
+    }
 }

@@ -8,8 +8,8 @@ use super::lines::Strongest;
 use super::outliers::OutlierFilter;
 use super::sub_band::{SubBand, SubBandState};
 use super::track::Hop;
-use super::window::{Conditions, Detection, Reason};
-use super::{ChatterEvent, ChatterOutput, Line, NotChatter, Phase};
+use super::window::{Conditions, Detection};
+use super::{ChatterEvent, ChatterOutput, Line, Phase, Reason};
 use crate::keyframe::keep;
 use crate::units::SampleRate;
 use thiserror::Error;
@@ -180,6 +180,7 @@ impl ChatterMonitor {
                 power_n2: 0.0,
                 contrast: 0.0,
                 growth_1_s: None,
+                reason: Reason::default(),
                 event: None,
             },
         }
@@ -364,7 +365,7 @@ impl ChatterMonitor {
         let too_large = amplitude_n > CRITERIA.most_share * state.level.reached_n();
         if self.settings.mean == MeanForce::Whole && too_large && !state.decision.alarm {
             evidence = [0.0; 4];
-            best.evidence = 0.0;
+            best.least(0.0, Reason::AbovePush);
         }
         state.lambda = best.evidence;
         let t_s = self.now_s(state);
@@ -398,11 +399,9 @@ impl ChatterMonitor {
             (_, _, true) => Phase::Suspected,
             _ => Phase::Quiet,
         };
-        state.latest.contrast = best.contrast;
+        (state.latest.contrast, state.latest.reason) = (best.contrast, best.reason);
         if before == Phase::Suspected && state.latest.phase == Phase::Quiet {
-            let rang = best.reason == Reason::RingDown;
-            let what = if rang { NotChatter::RingDown } else { NotChatter::Burst };
-            state.latest.event = state.latest.event.or(Some(ChatterEvent::Dismissed(what)));
+            state.latest.event = state.latest.event.or(Some(ChatterEvent::Dismissed(best.reason)));
         }
         let line = matches!(state.latest.phase, Phase::Suspected | Phase::Chatter);
         state.values += 1;

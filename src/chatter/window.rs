@@ -1,5 +1,6 @@
 //! A window of the band: what is in it, what is known beside it, and how well a line fits it.
 
+use super::Reason;
 use super::criteria::{CRITERIA, Levels};
 use super::cut_level::MeanForce;
 use super::history::History;
@@ -9,24 +10,6 @@ use nalgebra::Complex;
 use std::f64::consts::TAU;
 
 type C = Complex<f64>;
-
-/// What explains a window nearly as well as a line, and is no chatter.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(super) enum Reason {
-    /// Noise, of the level that is known or of another.
-    #[default]
-    Noise,
-    /// Something was struck and rings down.
-    RingDown,
-    /// An order of the spindle changed.
-    Order,
-    /// Noise through a damped mode.
-    Mode,
-    /// It was there without the cut, or was switched on.
-    Interference,
-}
-
-crate::keyframe::keep_list!(Reason { Noise, RingDown, Order, Mode, Interference });
 
 /// What a window says.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

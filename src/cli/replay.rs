@@ -224,6 +224,8 @@ fn replay(
                 power_n2: chatter.power_n2,
                 chatter: chatter.phase == crate::chatter::Phase::Chatter,
                 margin: pipeline.margin().copied(),
+                margin_state: pipeline.margin_word(),
+                reason: pipeline.axis_output(chatter.leading_axis).map_or("", |o| o.reason.name()),
             });
         }
     }

@@ -537,7 +537,6 @@ impl ServiceConfig {
                 workpiece: self.cut.workpiece,
                 cutting: self.cut.cutting,
                 position_m: self.cut.workpiece.projection_length_m(),
-                pitch_difference_rad: 0.0,
             },
             force_hz: MarginPlan::FORCE_HZ,
         }

@@ -50,12 +50,12 @@ mod tests {
     /// So with what a recording that is played again tells.
     #[test]
     fn every_event_of_a_replay_has_its_words() {
-        use crate::chatter::{ChatterEvent, NotChatter};
+        use crate::chatter::{ChatterEvent, Reason};
         // An onset is an event of the service, too: it stands in the first table.
         let events = [
             ChatterEvent::End,
             ChatterEvent::Hop { from_hz: 1.0, to_hz: 2.0 },
-            ChatterEvent::Dismissed(NotChatter::Burst),
+            ChatterEvent::Dismissed(Reason::Noise),
             ChatterEvent::CutChanged,
         ];
         for event in events {

@@ -101,6 +101,13 @@ impl Pipeline {
         readings.min_by(|a, b| a.margin_1_s.total_cmp(&b.margin_1_s))
     }
 
+    /// `known` where one is; else what is said of the margin on the first watched axis; `off` where none is.
+    #[must_use]
+    pub fn margin_word(&self) -> &'static str {
+        let first = || (0..self.channels.len()).find_map(|axis| self.margin_reading(axis));
+        self.margin().map_or_else(|| first().map_or("off", MarginReading::word), |_| "known")
+    }
+
     /// The smallest margin of the watched axes on which it runs out, and which axis that is.
     #[must_use]
     pub fn margin_running_out(&self) -> Option<(usize, &Margin)> {

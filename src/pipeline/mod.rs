@@ -56,6 +56,29 @@ pub enum StreamFault {
     NotFinite(SampleError),
 }
 
+/// Why chatter cannot be heard.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Deaf {
+    /// The tools are where the bar's band is another than was planned for.
+    BandOutOfReach,
+    /// On no watched axis the force is estimated rightly in any of the band.
+    ForceAboveBand,
+}
+
+impl Deaf {
+    /// All of them.
+    pub const ALL: [Self; 2] = [Self::BandOutOfReach, Self::ForceAboveBand];
+
+    /// Its name.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::BandOutOfReach => "band_out_of_reach",
+            Self::ForceAboveBand => "force_above_band",
+        }
+    }
+}
+
 /// What one sample led to.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StepOutput {
@@ -442,10 +465,7 @@ impl Pipeline {
             *force = ForceEstimate { force_n: 0.0, flags: Validity::SETTLING | Validity::SIGNAL_MISSING };
         }
         self.since_restart += 1;
-        // The margin is that of a place along the bar and a pitch.
-        let known = conditions.tool_position_m.and(conditions.pitch_difference_rad);
-        let heard = known.and(self.cutting.in_cut());
-        let cutting = conditions.cutting.or(heard);
+        let cutting = conditions.cutting.or(self.cutting.in_cut());
         let conditions = &CutConditions { cutting, chatter: self.declared, ..*conditions };
         let (mut heard, mut away_n) = (None, 0.0);
         for (index, (channel, state)) in self.channels.iter().zip(&mut self.states).enumerate() {
@@ -542,13 +562,16 @@ impl Pipeline {
         flags | Validity::when(deaf, Validity::FORCE_ABOVE_BAND)
     }
 
-    /// Whether chatter of the bar can be heard: on one watched axis at least the estimate is right in a part
-    /// of the band.
+    /// Why chatter of the bar cannot be heard; nothing while on one watched axis at least the estimate is
+    /// right in a part of the band.
     #[must_use]
-    pub fn hears_the_band(&self) -> bool {
-        let watched = (0..self.channels.len()).filter(|axis| self.channels[*axis].watch);
+    pub fn deaf(&self) -> Option<Deaf> {
+        let mut watched = (0..self.channels.len()).filter(|axis| self.channels[*axis].watch);
         let deaf = |axis: usize| self.force_flags(axis).contains(Validity::FORCE_ABOVE_BAND);
-        !self.out_of_reach && watched.into_iter().any(|axis| !deaf(axis))
+        match self.out_of_reach {
+            true => Some(Deaf::BandOutOfReach),
+            false => watched.all(deaf).then_some(Deaf::ForceAboveBand),
+        }
     }
 
     /// Whether no flag of the newest force estimate of one axis forbids acting on it, and the band in which

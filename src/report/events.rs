@@ -1,7 +1,7 @@
 //! `events.jsonl`: what happened, one object a line (contracts, section 4).
 
 use crate::avoidance::pitch::optimum_pitch_rad;
-use crate::chatter::{ChatterEvent, NotChatter};
+use crate::chatter::ChatterEvent;
 use crate::pipeline::Margin;
 use crate::recording::{RecordingError, write_whole};
 use crate::units::SpindleSpeed;
@@ -100,10 +100,7 @@ impl EventLine {
             }
             ChatterEvent::Dismissed(reason) => {
                 line.kind = "suspicion_dismissed";
-                line.reason = Some(match reason {
-                    NotChatter::RingDown => "ring_down",
-                    NotChatter::Burst => "burst",
-                });
+                line.reason = Some(reason.name());
             }
             ChatterEvent::CutChanged => line.kind = "cut_changed",
         }

@@ -17,6 +17,10 @@ pub struct TrackRow {
     pub chatter: bool,
     /// Smallest stability margin of the axes, while one is known.
     pub margin: Option<Margin>,
+    /// `known`, or why it is not.
+    pub margin_state: &'static str,
+    /// What explains best what stands out most, other than chatter.
+    pub reason: &'static str,
 }
 
 /// Rows of `track.parquet`.
@@ -29,6 +33,8 @@ pub struct Track {
     margin_1_s: Vec<Option<f64>>,
     margin_lo_1_s: Vec<Option<f64>>,
     margin_hi_1_s: Vec<Option<f64>>,
+    margin_state: Vec<&'static str>,
+    reason: Vec<&'static str>,
 }
 
 impl Track {
@@ -41,10 +47,14 @@ impl Track {
         self.margin_1_s.push(row.margin.map(|m| m.margin_1_s));
         self.margin_lo_1_s.push(row.margin.map(|m| m.lo_1_s));
         self.margin_hi_1_s.push(row.margin.map(|m| m.hi_1_s));
+        self.margin_state.push(row.margin_state);
+        self.reason.push(row.reason);
     }
 
     /// Writes the file, whole or not at all.
     pub fn write(&self, path: &Path) -> Result<(), RecordingError> {
+        let texts = |words: &[&str]| words.iter().map(|w| (*w).to_owned()).collect::<Vec<String>>();
+        let (margin_state, reason) = (texts(&self.margin_state), texts(&self.reason));
         let columns = vec![
             ("t_s", TableColumn::Double(&self.t_s)),
             ("frequency_hz", TableColumn::OptionalDouble(&self.frequency_hz)),
@@ -53,6 +63,8 @@ impl Track {
             ("stability_margin_1_s", TableColumn::OptionalDouble(&self.margin_1_s)),
             ("stability_margin_lo_1_s", TableColumn::OptionalDouble(&self.margin_lo_1_s)),
             ("stability_margin_hi_1_s", TableColumn::OptionalDouble(&self.margin_hi_1_s)),
+            ("stability_margin_state", TableColumn::Text(&margin_state)),
+            ("reason", TableColumn::Text(&reason)),
         ];
         write_table(path, &Table { columns, metadata: vec![("format".into(), "stillcut.track/1".into())] })
     }

@@ -90,8 +90,8 @@ pub struct AxisView {
     /// Upper end.
     pub stability_margin_hi_1_s: Option<f64>,
     /// `known`; `air`, `settling`; `off` where the axis is not watched for it; or why the cut cannot be
-    /// heard: `speed_unknown`, `cut_unknown`, `noise_over_line`, `interval_too_wide`, `no_root_in_band`,
-    /// `chatter`.
+    /// heard: `speed_unknown`, `pitch_unknown`, `cut_unknown`, `noise_over_line`, `interval_too_wide`,
+    /// `no_root_in_band`, `chatter`.
     pub stability_margin_state: String,
     /// Offset that is commanded, m.
     pub offset_commanded_m: f64,
@@ -102,8 +102,11 @@ pub struct AxisView {
 /// Chatter.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, ToSchema)]
 pub struct ChatterView {
-    /// `learning`, `quiet`, `suspected` or `chatter`.
+    /// `learning`, `quiet`, `suspected`, `chatter`, or `deaf` where chatter of the bar cannot be heard.
     pub state: String,
+    /// While `deaf`: `band_out_of_reach` or `force_above_band`. While `quiet` or `suspected`: what explains
+    /// what stands out most: `noise`, `ring_down`, `order`, `mode`, `interference` or `above_push`.
+    pub reason: Option<String>,
     /// Tracked line, Hz.
     pub frequency_hz: Option<f64>,
     /// Power of the strongest line, N2.

@@ -101,6 +101,8 @@ series! {
     http_refused: IntCounterVec = counters("stillcut_http_refused_total",
         "Requests or connections refused.", &["reason"]);
     chatter_active: IntGauge = int_gauge("stillcut_chatter_active", "1 while chatter is detected.");
+    chatter_deaf: GaugeVec = gauges("stillcut_chatter_deaf",
+        "1 while chatter of the bar cannot be heard for this reason; absent otherwise.", &["reason"]);
     chatter_frequency_hertz: GaugeVec = gauges("stillcut_chatter_frequency_hertz",
         "Tracked line; absent while stillcut_chatter_frequency_valid is 0.", &[]);
     chatter_frequency_valid: IntGauge = int_gauge("stillcut_chatter_frequency_valid",

@@ -293,6 +293,32 @@ fn tools_that_travel_are_heard() {
     assert!(right * 100 >= 60 * count && held * 100 >= 80 * count, "{right} right, {held} held of {count}");
 }
 
+/// Without the pitch the delays are not known: any margin would be a guess. What else is missing widens the
+/// interval.
+#[test]
+fn what_no_column_tells_is_not_guessed() {
+    let forget: [fn(&mut CutConditions); 3] =
+        [|c| c.tool_position_m = None, |c| c.feed_m_rev = None, |c| c.width_m = None];
+    let truth = ring_down_1_s(MACHINE, STABLE_RAD[1]);
+    for (which, forget) in forget.into_iter().enumerate() {
+        let (mut held, mut count) = (0, 0);
+        for seed in SEEDS.take(4) {
+            let mut rows = seeded(seed, MACHINE, 13, |_| STABLE_RAD[1]);
+            rows.iter_mut().for_each(|row| forget(&mut row.conditions));
+            for margin in told(&rows).readings.iter().filter_map(MarginReading::margin) {
+                count += 1;
+                held += usize::from((margin.lo_1_s..margin.hi_1_s).contains(&truth));
+            }
+        }
+        assert!(count > 12 && held * 100 >= 80 * count, "{which}: {held} held of {count}");
+    }
+    let mut rows = stream(MACHINE, 8, |_| STABLE_RAD[1]);
+    rows.iter_mut().for_each(|row| row.conditions.pitch_difference_rad = None);
+    let told = told(&rows);
+    let deaf = MarginReading::Deaf(DeafReason::PitchUnknown);
+    assert!(told.readings.iter().all(|r| *r == deaf), "{:?}", told.readings);
+}
+
 #[test]
 fn a_cut_under_noise_is_not_heard() {
     // White noise of 45 N up to 4.5 kHz: 0.45 N^2/Hz, more than the cut's line.

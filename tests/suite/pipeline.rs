@@ -8,7 +8,8 @@ use stillcut::force::balance::Method;
 use stillcut::force::settings::ForceSettings;
 use stillcut::force::signals::Signals;
 use stillcut::pipeline::{
-    AxisPlan, BandPlan, ForcePlan, Pipeline, PipelineSettings, ServoPlan, StepOutput, StreamFault, ToolAxis,
+    AxisPlan, BandPlan, Deaf, ForcePlan, Pipeline, PipelineSettings, ServoPlan, StepOutput, StreamFault,
+    ToolAxis,
 };
 use stillcut::plant::cutting::{Cutting, RawCutting};
 use stillcut::plant::scenario::{RawScenario, Scenario};
@@ -262,6 +263,24 @@ fn a_band_out_of_reach_forbids_acting() {
             live.step(&sample);
         }
         assert_eq!(live.band_out_of_reach(), !heard, "{share}");
+        assert_eq!(live.deaf(), (!heard).then_some(Deaf::BandOutOfReach), "{share}");
+    }
+}
+
+/// One mass for an axis that has two: no force in the bar's band is estimated rightly, and that is said.
+#[test]
+fn a_band_that_no_axis_estimates_is_not_heard() {
+    let scenario = scenario(0.0);
+    for (method, deaf) in [(Method::Dob, Some(Deaf::ForceAboveBand)), (Method::VibrationMode, None)] {
+        let mut settings = settings(&scenario);
+        for axis in &mut settings.axes {
+            if let Some(ForcePlan::Servo(plan)) = &mut axis.force {
+                (plan.method, plan.motor_cutoff_hz) = (method, None);
+            }
+        }
+        let mut live = Pipeline::new(settings).unwrap();
+        outputs(&mut live, &samples(scenario, 1, 9));
+        assert_eq!(live.deaf(), deaf, "{method:?}");
     }
 }
 

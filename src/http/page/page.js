@@ -160,6 +160,14 @@ const VERDICTS = {
   suspected: ["?", "Suspected", "a line stands out of the noise"],
   chatter: ["▲", "CHATTER", "the cut vibrates by itself"],
   learning: ["…", "Learning", "the noise of this cut is being learned"],
+  deaf: ["✕", "Deaf", "chatter cannot be heard"],
+};
+
+// Why a line that stands out is no chatter, and why none can be heard.
+const REASONS = {
+  ring_down: "a hit rings down", order: "an order of the spindle changed", mode: "noise through the bar's mode",
+  interference: "a line that is not the cut's", above_push: "a line larger than the tool's push",
+  band_out_of_reach: "the bar's band is out of reach", force_above_band: "the force is not estimated in the bar's band",
 };
 
 function showVerdict(className, [sign, word, detail]) {
@@ -173,7 +181,8 @@ function showState(now) {
   state = now;
   const connected = now.source.connected;
   const verdict = now.chatter.state;
-  if (connected) showVerdict(verdict, VERDICTS[verdict] || VERDICTS.learning);
+  const [sign, word, detail] = VERDICTS[verdict] || VERDICTS.learning;
+  if (connected) showVerdict(verdict, [sign, word, REASONS[verdict !== "quiet" && now.chatter.reason] || detail]);
   else showVerdict("", ["–", "No samples", "the machine sends nothing"]);
   setText("frequency", now.chatter.frequency_hz ? `${fixed(now.chatter.frequency_hz, 1)} Hz` : "–");
   setText("power", connected && now.chatter.power_n2 !== null ? `${powerText(now.chatter.power_n2)} N²` : "–");
@@ -203,7 +212,7 @@ function showState(now) {
 
 // The smallest margin of the axes with its interval; without one, why the cut is not heard.
 const DEAF = {
-  speed_unknown: "speed not known", chatter: "chatter", cut_unknown: "cut not known", noise_over_line: "noise hides the cut",
+  speed_unknown: "speed not known", pitch_unknown: "pitch not known", chatter: "chatter", cut_unknown: "cut not known", noise_over_line: "noise hides the cut",
   interval_too_wide: "too uncertain", no_root_in_band: "no line in the band", settling: "settling",
 };
 function marginText(axes) {

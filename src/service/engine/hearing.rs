@@ -98,7 +98,7 @@ impl Engine {
         let newest_margin = stream.pipeline().margin().copied();
         while let Some(stretch) = self.book.take() {
             // What cannot be heard is no silence.
-            if stretch.chatter_hz.is_none() && !stream.pipeline().hears_the_band() {
+            if stretch.chatter_hz.is_none() && stream.pipeline().deaf().is_some() {
                 continue;
             }
             // After chatter what was left of it is heard for a while.

@@ -1,10 +1,10 @@
 //! What the pipeline thread shows twenty times a second.
 
 use super::Engine;
-use crate::chatter::{ChatterEvent, Line, NotChatter, Phase};
+use crate::chatter::{ChatterEvent, Line, Phase};
 use crate::force::observers::AxisObserver;
 use crate::force::validity::Validity;
-use crate::pipeline::{DeafReason, Margin, MarginReading, MarginWarning, StepOutput};
+use crate::pipeline::{Deaf, DeafReason, Margin, MarginReading, MarginWarning, Pipeline, StepOutput};
 use crate::sample::MAX_AXES;
 use crate::service::clock;
 use crate::service::hub::{ForceFrame, View};
@@ -160,6 +160,21 @@ fn phase_word(phase: Phase) -> &'static str {
     }
 }
 
+/// Word for what is heard, and why it is silent.
+fn heard_words(pipeline: &Pipeline) -> (&'static str, Option<&'static str>) {
+    let chatter = pipeline.agreement();
+    match (chatter.phase, pipeline.deaf()) {
+        (Phase::Chatter | Phase::Learning, None) | (Phase::Chatter, Some(_)) => {
+            (phase_word(chatter.phase), None)
+        }
+        (_, Some(deaf)) => ("deaf", Some(deaf.name())),
+        (Phase::Quiet | Phase::Suspected, None) => {
+            let output = pipeline.axis_output(chatter.leading_axis);
+            (phase_word(chatter.phase), output.map(|heard| heard.reason.name()))
+        }
+    }
+}
+
 /// Word for a turret's state.
 fn turret_word(state: Option<u32>) -> &'static str {
     match state {
@@ -188,9 +203,7 @@ pub(super) fn event_of(output: &StepOutput) -> Option<(EventKind, String)> {
             Some((EventKind::ChatterOnset, format!("chatter began at {:.1} Hz", line.frequency_hz)))
         }
         ChatterEvent::End => Some((EventKind::ChatterEnd, "chatter ended".to_owned())),
-        ChatterEvent::Dismissed(NotChatter::RingDown | NotChatter::Burst)
-        | ChatterEvent::CutChanged
-        | ChatterEvent::Hop { .. } => None,
+        ChatterEvent::Dismissed(_) | ChatterEvent::CutChanged | ChatterEvent::Hop { .. } => None,
     }
 }
 
@@ -259,8 +272,10 @@ impl Engine {
             }
             self.offsets(now, &mut state.axes);
             let phase = self.picture.phase.unwrap_or((chatter.phase, clock::wall_ns()));
+            let (word, reason) = heard_words(stream.pipeline());
             state.chatter = ChatterView {
-                state: phase_word(chatter.phase).to_owned(),
+                state: word.to_owned(),
+                reason: reason.map(str::to_owned),
                 frequency_hz: chatter.frequency_hz,
                 power_n2: Some(chatter.power_n2),
                 since: Some(clock::rfc3339(phase.1)),
@@ -343,6 +358,10 @@ impl Engine {
         }
         let chatter = &state.chatter;
         metrics.chatter_active.set(i64::from(chatter.state == "chatter"));
+        for reason in Deaf::ALL.map(Deaf::name) {
+            let deaf = chatter.state == "deaf" && chatter.reason.as_deref() == Some(reason);
+            Metrics::show(&metrics.chatter_deaf, &[reason], deaf.then_some(1.0));
+        }
         metrics.chatter_frequency_valid.set(i64::from(chatter.frequency_hz.is_some()));
         Metrics::show(&metrics.chatter_frequency_hertz, &[], chatter.frequency_hz);
         metrics.chatter_power_newtons_squared.set(chatter.power_n2.unwrap_or_default());

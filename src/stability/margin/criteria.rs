@@ -40,9 +40,7 @@ pub(super) struct Criteria {
     pub(super) drift: [f64; PARAMETERS],
     /// What is known of one number before anything is heard, in the same order.
     pub(super) known: [f64; PARAMETERS],
-    /// What replaces it where a column is missing: pitch (rad), position (of phi squared), width.
-    pub(super) unknown_pitch_rad: f64,
-    /// Of ln phi squared.
+    /// What replaces it where a column is missing: position, of ln phi squared.
     pub(super) unknown_position: f64,
     /// Of the stiffness.
     pub(super) unknown_width: f64,
@@ -82,7 +80,6 @@ impl Criteria {
         order_over_neighbours: 12.0,
         drift: [0.01, 0.002, 0.0003, 0.03, 0.0, 0.0, 0.01, 0.05, 0.01],
         known: [0.14, 0.22, 0.0095, 0.42, 1e-4, 1e-4, 0.28, 1.5, 0.1],
-        unknown_pitch_rad: 0.05,
         unknown_position: 0.3,
         unknown_width: 0.5,
         unknown_level: 1.5,

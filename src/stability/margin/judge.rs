@@ -31,6 +31,8 @@ keep!(Margin { margin_1_s, lo_1_s, hi_1_s, frequency_hz });
 pub enum DeafReason {
     /// Without the speed the delays are not known.
     SpeedUnknown,
+    /// Nor are they without the pitch of the tools: equal pitch and the best one differ in all of the margin.
+    PitchUnknown,
     /// Nothing tells whether the tools are in the cut.
     CutUnknown,
     /// The measurement noise is higher than the line.
@@ -43,12 +45,21 @@ pub enum DeafReason {
     Chatter,
 }
 
-keep_list!(DeafReason { SpeedUnknown, CutUnknown, NoiseOverLine, IntervalTooWide, NoRootInBand, Chatter });
+keep_list!(DeafReason {
+    SpeedUnknown,
+    PitchUnknown,
+    CutUnknown,
+    NoiseOverLine,
+    IntervalTooWide,
+    NoRootInBand,
+    Chatter
+});
 
 impl DeafReason {
     /// All of them.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 7] = [
         Self::SpeedUnknown,
+        Self::PitchUnknown,
         Self::CutUnknown,
         Self::NoiseOverLine,
         Self::IntervalTooWide,
@@ -61,6 +72,7 @@ impl DeafReason {
     pub fn name(self) -> &'static str {
         match self {
             Self::SpeedUnknown => "speed_unknown",
+            Self::PitchUnknown => "pitch_unknown",
             Self::CutUnknown => "cut_unknown",
             Self::NoiseOverLine => "noise_over_line",
             Self::IntervalTooWide => "interval_too_wide",

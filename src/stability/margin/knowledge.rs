@@ -2,6 +2,7 @@
 
 use super::conditions::{CutConditions, Means};
 use super::criteria::Criteria;
+use super::judge::DeafReason;
 use super::model::{Condition, Noise, PARAMETERS, Parameters, place};
 use crate::plant::cutting::Cutting;
 use crate::plant::workpiece::{RawWorkpiece, Workpiece};
@@ -16,8 +17,6 @@ pub struct CutPrior {
     pub cutting: Cutting,
     /// Where the tools are along the bar, from the chuck, when nothing tells it: the free end.
     pub position_m: f64,
-    /// theta_2 - theta_1 when nothing tells it.
-    pub pitch_difference_rad: f64,
 }
 
 /// Middle of what steel bars in a chuck show: K_r 1.8 to 2.8 GPa, zeta 0.8 to 1.5 %, a clamp that takes 0 to
@@ -50,7 +49,7 @@ impl CutPrior {
             ..crate::plant::cutting::RawCutting::default()
         })?;
         let workpiece = Workpiece::new(raw)?;
-        Ok(Self { workpiece, cutting, position_m: length_m, pitch_difference_rad: 0.0 })
+        Ok(Self { workpiece, cutting, position_m: length_m })
     }
 
     /// Radial force of one tool as stated, N.
@@ -58,14 +57,16 @@ impl CutPrior {
         self.cutting.stiffness_n_m() * self.cutting.raw().feed_m_rev / 2.0
     }
 
-    /// The sample's numbers, with what is stated where a column is missing; nothing without a speed.
-    pub(super) fn complete(&self, force_n: f64, told: &CutConditions) -> Option<Means> {
-        let rpm = told.spindle_speed_rpm.filter(|rpm| SPEEDS_RPM.contains(rpm))?;
+    /// The sample's numbers, with what is stated where a column is missing. Errors: speed or pitch are not
+    /// known, and with them the delays.
+    pub(super) fn complete(&self, force_n: f64, told: &CutConditions) -> Result<Means, DeafReason> {
+        let speed_rpm = told.spindle_speed_rpm.filter(|rpm| SPEEDS_RPM.contains(rpm));
+        let rpm = speed_rpm.ok_or(DeafReason::SpeedUnknown)?;
         let cutting = self.cutting.raw();
-        Some(Means {
+        Ok(Means {
             force_n,
             turn_s: 60.0 / rpm,
-            pitch_rad: told.pitch_difference_rad.unwrap_or(self.pitch_difference_rad),
+            pitch_rad: told.pitch_difference_rad.ok_or(DeafReason::PitchUnknown)?,
             position_m: told.tool_position_m.unwrap_or(self.position_m),
             feed_m_rev: told.feed_m_rev.unwrap_or(cutting.feed_m_rev),
             width_m: told.width_m.unwrap_or(cutting.width_m),
@@ -92,9 +93,6 @@ impl CutPrior {
         criteria: &Criteria,
     ) -> [f64; PARAMETERS] {
         let mut known = criteria.known;
-        if told.pitch_difference_rad.is_none() {
-            known[place::PITCH] = criteria.unknown_pitch_rad;
-        }
         if told.tool_position_m.is_none() {
             known[place::POSITION] = criteria.unknown_position;
         }

@@ -249,9 +249,12 @@ impl MarginMonitor {
         let whole = self.band.push(&mut state.band, force_n);
         let share = self.settings.sample_rate.period_s() / CUT_AVERAGE_S;
         state.mean_force_n += (force_n - state.mean_force_n) * share.min(1.0);
-        let Some(means) = self.settings.prior.complete(force_n, conditions) else {
-            self.leave(state, MarginReading::Deaf(DeafReason::SpeedUnknown));
-            return false;
+        let means = match self.settings.prior.complete(force_n, conditions) {
+            Ok(means) => means,
+            Err(reason) => {
+                self.leave(state, MarginReading::Deaf(reason));
+                return false;
+            }
         };
         if conditions.chatter && !self.settings.pushes {
             self.leave(state, MarginReading::Deaf(DeafReason::Chatter));
