@@ -51,6 +51,7 @@ mod page;
 mod parsers;
 mod passes;
 mod pipeline;
+mod real_chatter;
 mod real_cuts;
 mod real_machines;
 mod recording_faults;
