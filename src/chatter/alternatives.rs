@@ -8,7 +8,7 @@ use super::Reason;
 use super::criteria::{CRITERIA, RATES_1_S, WINDOWS};
 use super::fourier::POINTS;
 use super::near::Near;
-use super::window::{Context, Detection, Window, fit_two, fits, loudness_nats};
+use super::window::{Context, Detection, Knowledge, Tools, Window, fit_two, fits, loudness_nats};
 use nalgebra::Complex;
 use std::f64::consts::TAU;
 
@@ -19,8 +19,8 @@ type C = Complex<f64>;
 /// power counts, over the noise of before it.
 pub(super) fn against_noise(found: Detection, total: f64, n: usize, context: &Context) -> (Detection, bool) {
     let unknown = -(n as f64 - 1.0) * (1.0 - found.contrast / total).max(1e-12).ln();
-    let level = match (context.no_model, context.alarm) {
-        (true, _) => unknown,
+    let level = match (context.noise, context.alarm) {
+        (Knowledge::Nothing, _) => unknown,
         (_, true) => found.contrast,
         _ => unknown.min(found.contrast),
     };
@@ -75,16 +75,16 @@ impl Window<'_> {
 
     /// Whether noise through a mode is an alternative: where it is known, the longest window alone tells.
     fn asks_mode(&self) -> bool {
-        let Context { learning, entries_known, .. } = *self.context;
-        learning || !entries_known || self.which + 1 == WINDOWS.len()
+        let Context { tools, .. } = *self.context;
+        self.context.is_young() || tools == Tools::Untold || self.which + 1 == WINDOWS.len()
     }
 
     /// Against orders that changed: as templates of the window, and as learned; of a cut whose noise is not
     /// known, among what is near the line.
     fn order_nats(&self, beside: Option<&Near>) -> f64 {
-        let Context { learning, entries_known, orders: known, .. } = *self.context;
-        let orders = self.orders();
-        let (nats, values) = match beside.filter(|_| learning) {
+        let Context { tools, orders: known, .. } = *self.context;
+        let (orders, young) = (self.orders(), self.context.is_young());
+        let (nats, values) = match beside.filter(|_| young) {
             None => {
                 let values = self.e.len() as f64 - 1.0;
                 (self.against(values, orders), values)
@@ -96,7 +96,7 @@ impl Window<'_> {
                 (values * (left(orders) / left(line)).ln(), values)
             }
         };
-        if learning && entries_known && !known {
+        if young && tools != Tools::Untold && !known {
             // They are learned with the line in them.
             return nats;
         }
@@ -108,30 +108,28 @@ impl Window<'_> {
     /// where nothing tells when a cut begins. And louder than the noise of a stable cut. The second: whether
     /// it is too loud to be learned as noise.
     fn mode_nats(&self, beside: Option<&Near>) -> (f64, bool) {
-        let Context { levels, learning, entries_known, cuts, no_model, stable_n2, .. } = *self.context;
+        let Context { levels, tools, noise, stable_n2, .. } = *self.context;
         let Some(beside) = beside else { return (f64::INFINITY, false) };
-        let loud = if learning { loudness_nats(self.line.power_n2, stable_n2) } else { 0.0 };
+        let loud = if self.context.is_young() { loudness_nats(self.line.power_n2, stable_n2) } else { 0.0 };
         let coherent = (1.0 + self.mode_decay()) * beside.coherence();
-        let (over_mode, nats) = match (entries_known, learning) {
-            (true, true) => {
-                let nats = if cuts { levels.cause_nats } else { levels.entry_unknown_nats };
-                (self.over_mode_nats(&self.near(0)).max(coherent), nats)
-            }
-            (true, false) => (self.over_mode_nats(beside), levels.mode_nats),
-            (false, _) => (coherent, levels.entry_unknown_nats),
+        let either = || self.over_mode_nats(&self.near(0)).max(coherent);
+        let (over_mode, nats) = match (tools, noise) {
+            (Tools::Untold, _) => (coherent, levels.entry_unknown_nats),
+            (_, Knowledge::Known) => (self.over_mode_nats(beside), levels.mode_nats),
+            (Tools::Cutting, _) => (either(), levels.cause_nats),
+            (Tools::Left | Tools::Unseen, _) => (either(), levels.entry_unknown_nats),
         };
-        ((over_mode + loud) / nats, no_model && 2.0 * loud > 1.0)
+        ((over_mode + loud) / nats, noise == Knowledge::Nothing && 2.0 * loud > 1.0)
     }
 
     /// Where nothing is known a line may have stood in air too: then it is not the cut's, unless no stable
     /// cut is as loud.
     fn over_stable(&self) -> f64 {
-        let Context { no_model, left, cuts, stable_n2, .. } = *self.context;
-        match (no_model, left && !cuts) {
-            (true, _) => 2.0 * self.line.power_n2 / stable_n2,
-            // The tools have left.
-            (_, true) => 0.0,
-            _ => f64::INFINITY,
+        let Context { noise, tools, stable_n2, .. } = *self.context;
+        match (noise, tools) {
+            (Knowledge::Nothing, _) => 2.0 * self.line.power_n2 / stable_n2,
+            (_, Tools::Left) => 0.0,
+            (_, Tools::Untold | Tools::Cutting | Tools::Unseen) => f64::INFINITY,
         }
     }
 

@@ -29,6 +29,37 @@ impl Heard {
     fn stands(&self) -> bool {
         self.age > (LONGEST + PAST) * 3 / 4
     }
+
+    /// Takes what window `which` says of it; `least_nats` tell how it began.
+    fn look(&mut self, detection: &Detection, which: usize, least_nats: f64) {
+        let Detection { offset_hz, power_n2, over_noise, grown_nats, moved, .. } = *detection;
+        let left_s = CRITERIA.usual_s;
+        let now =
+            |age, power_n2, grown_nats| Heard { offset_hz, left_s, age, power_n2, which, grown_nats, moved };
+        let tells = |nats: f64| nats.abs() >= least_nats;
+        // What tells is no more doubtful for a look that tells nothing.
+        let in_sight = !self.stands() && which >= self.which && !self.moved;
+        let anew = |nats: f64| in_sight && (tells(nats) || !tells(self.grown_nats));
+        match grown_nats {
+            Some(nats) if power_n2 > CRITERIA.louder * self.power_n2 => {
+                *self = now(WINDOWS[which], power_n2, nats);
+            }
+            Some(nats) if anew(nats) => *self = now(self.age, power_n2.max(self.power_n2), nats),
+            _ if over_noise > 1.0 => (self.offset_hz, self.left_s) = (offset_hz, left_s),
+            _ => {}
+        }
+    }
+
+    /// Whether it is no chatter. All else that begins with a cut is there at once, too.
+    fn is_refused(&self, context: &Context) -> bool {
+        let least_nats = context.beginning_nats();
+        let passes_nats = match (context.is_young(), self.stands()) {
+            (true, _) => -least_nats,
+            (false, true) => -CRITERIA.unseen_nats,
+            (false, false) => least_nats,
+        };
+        self.moved || self.grown_nats <= passes_nats
+    }
 }
 
 /// The lines that are heard.
@@ -60,49 +91,26 @@ impl Interference {
         near.min_by(|a, b| apart(a).total_cmp(&apart(b)))
     }
 
+    /// The line that was detected, followed anew where none is followed there; nothing where it is not heard.
+    fn followed(&mut self, detection: &Detection) -> Option<&mut Heard> {
+        if self.near(detection.offset_hz).is_some() {
+            return self.near(detection.offset_hz);
+        }
+        if detection.over_noise <= 1.0 || detection.grown_nats.is_none() {
+            return None;
+        }
+        let longest_silent = self.lines.iter_mut().min_by(|a, b| a.left_s.total_cmp(&b.left_s))?;
+        *longest_silent = Heard::default();
+        Some(longest_silent)
+    }
+
     /// Takes what window `which` detected, and refuses it where it is a line that was switched on. In an
     /// alarm lines are followed alone.
     pub(super) fn judge(&mut self, detection: &mut Detection, which: usize, context: &Context) {
-        let Detection { offset_hz, power_n2, over_noise, grown_nats, moved, .. } = *detection;
         let least_nats = context.beginning_nats();
-        let left_s = CRITERIA.usual_s;
-        let now =
-            |age, power_n2, grown_nats| Heard { offset_hz, left_s, age, power_n2, which, grown_nats, moved };
-        let line = match self.near(offset_hz) {
-            Some(line) => line,
-            None if over_noise > 1.0 && grown_nats.is_some() => {
-                let sooner = |a: &&mut Heard, b: &&mut Heard| a.left_s.total_cmp(&b.left_s);
-                let Some(line) = self.lines.iter_mut().min_by(sooner) else { return };
-                *line = Heard::default();
-                line
-            }
-            None => return,
-        };
-        let grows = power_n2 > CRITERIA.louder * line.power_n2;
-        let told = |nats: f64| nats.abs() >= least_nats;
-        match grown_nats {
-            Some(nats) if grows => *line = now(WINDOWS[which], power_n2, nats),
-            // What is told is no more doubtful for a look that tells nothing.
-            Some(nats)
-                if !line.stands()
-                    && which >= line.which
-                    && !line.moved
-                    && (!told(line.grown_nats) || told(nats)) =>
-            {
-                *line = now(line.age, power_n2.max(line.power_n2), nats);
-            }
-            _ if over_noise > 1.0 => (line.offset_hz, line.left_s) = (offset_hz, left_s),
-            _ => {}
-        }
-        if context.alarm {
-            return;
-        }
-        let passes_nats = match (context.learning, line.stands()) {
-            (true, _) => -least_nats,
-            (_, true) => -CRITERIA.unseen_nats,
-            _ => least_nats,
-        };
-        if line.moved || line.grown_nats <= passes_nats {
+        let Some(line) = self.followed(detection) else { return };
+        line.look(detection, which, least_nats);
+        if !context.alarm && line.is_refused(context) {
             let share = if line.moved { -1.0 } else { line.grown_nats / least_nats };
             detection.least(CRITERIA.hold * (1.0 + share), Reason::Interference);
         }
@@ -113,6 +121,7 @@ impl Interference {
 mod tests {
     use super::super::criteria::{FALSE_ALARM_S, Levels};
     use super::super::whitening::Whitener;
+    use super::super::window::{Knowledge, Tools};
     use super::*;
 
     fn context() -> Context {
@@ -125,13 +134,10 @@ mod tests {
             sweep_hz_s: 0.0,
             watched_hz: [-100.0, 100.0],
             seen: LONGEST + PAST,
-            learning: false,
+            noise: Knowledge::Known,
             orders: true,
             alarm: false,
-            entries_known: true,
-            cuts: true,
-            left: false,
-            no_model: false,
+            tools: Tools::Cutting,
             stable_n2: f64::INFINITY,
             whitener: Whitener::plain(),
         }

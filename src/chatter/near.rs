@@ -3,7 +3,7 @@
 //! noise at once.
 
 use super::criteria::{CRITERIA, LONGEST, RATES_1_S, WINDOWS};
-use super::window::{Context, Window, fit};
+use super::window::{Context, Tools, Window, fit};
 use nalgebra::Complex;
 use std::f64::consts::TAU;
 
@@ -13,11 +13,11 @@ impl Window<'_> {
     /// Templates of both orders beside the line, where the window tells them apart; where a cut begins they
     /// may change steadily in the longest window, which alone has cells enough for that.
     pub(super) fn beside(&self) -> usize {
-        let Context { learning, entries_known, .. } = *self.context;
-        match learning && self.turns_of_spindle() >= CRITERIA.resolved_turns {
-            true if entries_known && self.e.len() == LONGEST => 4,
-            true => 2,
-            false => 0,
+        let resolved = self.turns_of_spindle() >= CRITERIA.resolved_turns;
+        match (self.context.is_young() && resolved, self.context.tools) {
+            (false, _) => 0,
+            (true, Tools::Cutting | Tools::Left | Tools::Unseen) if self.e.len() == LONGEST => 4,
+            (true, _) => 2,
         }
     }
 

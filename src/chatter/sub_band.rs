@@ -8,7 +8,7 @@ use super::lines::{BAND_LEVEL, Strongest, Sustained, Test};
 use super::orders::{Orders, Turned};
 use super::sustained::{BLOCK, KEPT, Residuals};
 use super::whitening::{Noise, Whitener};
-use super::window::{Conditions, Context, Detection, loudness_nats};
+use super::window::{Conditions, Context, Detection, Knowledge, Tools, loudness_nats};
 use crate::keyframe::keep;
 use crate::signal::down_mix::{DownMix, DownMixState};
 use crate::units::SampleRate;
@@ -50,16 +50,17 @@ pub(super) struct SubBandState {
     other_level: usize,
     residuals: Residuals,
     sustained: Detection,
-    /// What was known two to four seconds ago, or before another cut began.
+    /// What was known a while ago, or before another cut began, and the values since it was put there.
     before: [Whitener; 2],
-    since: usize,
+    before_age: usize,
     interference: Interference,
+    /// Values since the alarm began in which the line may stand.
     alarmed: usize,
 }
 
 keep!(SubBandState {
     mix, mixer, orders, noise, whitener, in_cut, left, history, count, since_change, seen, detections,
-    whole_n2, other_level, residuals, sustained, before, since, interference, alarmed,
+    whole_n2, other_level, residuals, sustained, before, before_age, interference, alarmed,
 } if |s| s.seen >= s.since_change);
 
 impl SubBandState {
@@ -112,7 +113,7 @@ impl SubBand {
             residuals: Residuals::new(),
             sustained: Detection::default(),
             before: [Whitener::NONE; 2],
-            since: 0,
+            before_age: 0,
             interference: Interference::default(),
             alarmed: 0,
         }
@@ -174,7 +175,7 @@ impl SubBand {
         let rate_hz = self.rate_hz();
         state.since_change += 1;
         state.seen += 1;
-        state.since += 1;
+        state.before_age += 1;
         state.alarmed = match now.alarm {
             true => state.alarmed + 1,
             // What stood before was heard then.
@@ -182,9 +183,9 @@ impl SubBand {
             false => 0,
         };
         state.interference.age(1.0 / rate_hz);
-        if now.learns && state.since as f64 > CRITERIA.before_s * rate_hz {
+        if now.learns && state.before_age as f64 > CRITERIA.before_s * rate_hz {
             state.before = [state.before[1], state.whitener];
-            state.since = 0;
+            state.before_age = 0;
         }
     }
 
@@ -208,33 +209,31 @@ impl SubBand {
         let line = self.test.sustained(&state.residuals, now, since_change);
         let Sustained { offset_hz, nats, power_n2, side } = line;
         let stable_n2 = self.stable_n2(state, now);
-        let cut = side > CRITERIA.modulated;
-        let over = if state.before[0] == Whitener::NONE {
+        let modulated = side > CRITERIA.modulated;
+        let nothing_before = state.before[0] == Whitener::NONE;
+        let over = if nothing_before {
             2.0 * self.levels.cause_nats * power_n2 / stable_n2
         } else {
             let known = state.before[0].known(offset_hz / self.rate_hz());
             power_n2 * BLOCK as f64 / known.max(f64::MIN_POSITIVE)
         };
+        let proven = |nats: f64| nats > self.levels.cause_nats;
         // Where nothing is known of air, what the cut modulates is the cut's.
-        let new = over > self.levels.cause_nats
-            || (cut && nats > self.levels.cause_nats && state.before[0] == Whitener::NONE);
+        let is_new = proven(over) || (nothing_before && modulated && proven(nats));
         // A line as large as the mean force: a tool that pushes and never pulls leaves the cut in each cycle.
-        let leaves =
+        let leaves_cut =
             now.mean == MeanForce::Whole && 2.0 * power_n2 > stable_n2 / CRITERIA.stable_share.powi(2);
         // Where the noise of this cut is known a line is seen to grow.
-        let seen = now.mean != MeanForce::Absent && !self.learning(state) && !now.alarm && !leaves;
-        let rules = new && !seen && (cut || power_n2 > CRITERIA.rules * state.whole_n2);
-        state.sustained = if rules {
-            Detection {
-                evidence: (nats + loudness_nats(power_n2, stable_n2)) / self.levels.cause_nats,
-                over_noise: over / self.levels.noise_nats,
-                offset_hz,
-                contrast: over,
-                ..Detection::default()
-            }
-        } else {
-            Detection::default()
-        };
+        let seen_to_grow =
+            now.mean != MeanForce::Absent && !self.learning(state) && !now.alarm && !leaves_cut;
+        let rules = modulated || power_n2 > CRITERIA.rules * state.whole_n2;
+        state.sustained = Detection::default();
+        if is_new && rules && !seen_to_grow {
+            let evidence = (nats + loudness_nats(power_n2, stable_n2)) / self.levels.cause_nats;
+            let over_noise = over / self.levels.noise_nats;
+            state.sustained =
+                Detection { evidence, over_noise, offset_hz, contrast: over, ..Detection::default() };
+        }
     }
 
     fn whiten_by(state: &mut SubBandState, whitener: Whitener) {
@@ -261,10 +260,10 @@ impl SubBand {
     /// Another cut begins: what is known now is what was before it. What changes within the memory of the
     /// noise is one change.
     fn remember(&self, state: &mut SubBandState) {
-        if state.before[0] == Whitener::NONE || state.since as f64 > CRITERIA.noise_s * self.rate_hz() {
+        if state.before[0] == Whitener::NONE || state.before_age as f64 > CRITERIA.noise_s * self.rate_hz() {
             state.before = [state.whitener; 2];
         }
-        state.since = 0;
+        state.before_age = 0;
     }
 
     fn learning(&self, state: &SubBandState) -> bool {
@@ -278,11 +277,18 @@ impl SubBand {
 
     /// What is known beside the windows; nothing while neither noise nor a mean force is.
     fn context(&self, state: &SubBandState, now: &Conditions) -> Option<Context> {
-        let means = now.mean != MeanForce::Absent;
-        let no_model = !self.has_model(state);
-        if no_model && !means {
-            return None;
-        }
+        let noise = match (self.has_model(state), self.learning(state)) {
+            (false, _) => Knowledge::Nothing,
+            (true, true) => Knowledge::Young,
+            (true, false) => Knowledge::Known,
+        };
+        let tools = match (now.mean, Self::cuts(state, now), state.left) {
+            (MeanForce::Absent, ..) if noise == Knowledge::Nothing => return None,
+            (MeanForce::Absent, ..) => Tools::Untold,
+            (_, true, _) => Tools::Cutting,
+            (_, false, true) => Tools::Left,
+            (_, false, false) => Tools::Unseen,
+        };
         Some(Context {
             levels: self.levels,
             centre_hz: self.centre_hz(),
@@ -292,15 +298,12 @@ impl SubBand {
             sweep_hz_s: self.centre_hz() * now.speed_change_1_s,
             watched_hz: now.watched_hz,
             seen: state.seen,
-            learning: self.learning(state),
+            noise,
             orders: state.orders[state.here()].known(),
             alarm: now.alarm,
-            entries_known: means,
-            cuts: Self::cuts(state, now),
-            left: state.left,
-            no_model,
+            tools,
             stable_n2: self.stable_n2(state, now),
-            whitener: if no_model { Whitener::plain() } else { state.whitener },
+            whitener: if noise == Knowledge::Nothing { Whitener::plain() } else { state.whitener },
         })
     }
 
@@ -310,13 +313,13 @@ impl SubBand {
             return;
         };
         // Without a model nothing stands between the test and the filter that fills.
-        let filled = if context.no_model { self.filled() } else { 0.0 };
+        let filled = if context.noise == Knowledge::Nothing { self.filled() } else { 0.0 };
         for (which, n) in WINDOWS.into_iter().enumerate() {
             if !(state.count + which as u64).is_multiple_of((n / LOOKS) as u64) {
                 continue;
             }
             let full = state.since_change as f64 >= n as f64 + filled;
-            state.detections[which] = if full && !(context.learning && which == 0) {
+            state.detections[which] = if full && !(context.is_young() && which == 0) {
                 self.test.detect(&mut state.history, which, &context)
             } else {
                 Detection::default()
@@ -339,7 +342,7 @@ impl SubBand {
         let band_level = self.test.band_level(&mut state.history, context);
         let other = band_level * CRITERIA.louder < 1.0;
         state.other_level = if other { state.other_level + n / LOOKS } else { 0 };
-        if state.other_level >= n && !context.alarm && !context.learning {
+        if state.other_level >= n && !context.alarm && !context.is_young() {
             self.remember(state);
             state.noise[state.here()].shrink(CRITERIA.first_s * self.rate_hz());
             state.other_level = 0;

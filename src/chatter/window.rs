@@ -63,6 +63,30 @@ pub(super) struct Conditions {
     pub(super) mean_n: f64,
 }
 
+/// What is known of the noise of this cut.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Knowledge {
+    /// Nothing, nor of that in air.
+    Nothing,
+    /// Less than its memory holds: what is in it was learned with the line, or in air.
+    Young,
+    /// As much as its memory holds.
+    Known,
+}
+
+/// Where the tools are, by the mean force.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Tools {
+    /// There is none that tells, nor when another cut begins.
+    Untold,
+    /// In the cut.
+    Cutting,
+    /// They were seen to leave it.
+    Left,
+    /// Nothing was seen of them yet.
+    Unseen,
+}
+
 /// What is known beside the window.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Context {
@@ -78,28 +102,26 @@ pub(super) struct Context {
     pub(super) watched_hz: [f64; 2],
     /// Values in which the beginning of a line is looked for.
     pub(super) seen: usize,
-    /// Whether the noise of this cut is not known yet.
-    pub(super) learning: bool,
+    pub(super) noise: Knowledge,
     /// Whether the orders of this cut are known.
     pub(super) orders: bool,
     /// Whether a line stands declared.
     pub(super) alarm: bool,
-    /// Whether the mean force tells when another cut begins: then its noise is known.
-    pub(super) entries_known: bool,
-    /// Whether a tool is in the cut, and whether they were seen to leave it.
-    pub(super) cuts: bool,
-    pub(super) left: bool,
-    /// Whether nothing at all is known of the noise.
-    pub(super) no_model: bool,
+    pub(super) tools: Tools,
     /// Most power that the noise of a stable cut has at a place, N^2; infinite where it is not known.
     pub(super) stable_n2: f64,
     pub(super) whitener: Whitener,
 }
 
 impl Context {
+    /// Whether the noise of this cut is not known yet.
+    pub(super) fn is_young(&self) -> bool {
+        self.noise != Knowledge::Known
+    }
+
     /// Evidence from which on a beginning is told. All else that begins with a cut is there at once, too.
     pub(super) fn beginning_nats(&self) -> f64 {
-        if self.learning { self.levels.cause_nats } else { self.levels.switched_nats }
+        if self.is_young() { self.levels.cause_nats } else { self.levels.switched_nats }
     }
 }
 
