@@ -91,6 +91,9 @@ impl Pipeline {
     pub fn margin_reading(&self, axis: usize) -> Option<&MarginReading> {
         let margins = self.margins.as_ref()?;
         self.channels.get(axis).filter(|channel: &&Channel| channel.watch)?;
+        if self.is_deaf(axis) {
+            return Some(&MarginReading::Deaf(DeafReason::ForceAboveBand));
+        }
         margins.states.get(axis).map(|state| margins.monitor.reading(state))
     }
 
@@ -112,9 +115,10 @@ impl Pipeline {
     #[must_use]
     pub fn margin_running_out(&self) -> Option<(usize, &Margin)> {
         let margins = self.margins.as_ref()?;
-        let watched = (0..self.channels.len()).filter(|axis| self.channels[*axis].watch);
+        let heard =
+            (0..self.channels.len()).filter(|axis| self.channels[*axis].watch && !self.is_deaf(*axis));
         let running_out =
-            watched.filter_map(|axis| Some((axis, margins.monitor.running_out(margins.states.get(axis)?)?)));
+            heard.filter_map(|axis| Some((axis, margins.monitor.running_out(margins.states.get(axis)?)?)));
         running_out.min_by(|a, b| a.1.margin_1_s.total_cmp(&b.1.margin_1_s))
     }
 

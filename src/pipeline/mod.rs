@@ -499,6 +499,7 @@ impl Pipeline {
             event.as_ref().map(|(_, event)| event),
         );
         let margin_warning = self.margins.as_mut().and_then(Margins::take_warning);
+        let margin_warning = margin_warning.filter(|warning| !self.is_deaf(warning.axis));
         StepOutput { t_s, forces, chatter, event, margin_warning, fault: None, spectrum_updated }
     }
 
@@ -567,11 +568,15 @@ impl Pipeline {
     #[must_use]
     pub fn deaf(&self) -> Option<Deaf> {
         let mut watched = (0..self.channels.len()).filter(|axis| self.channels[*axis].watch);
-        let deaf = |axis: usize| self.force_flags(axis).contains(Validity::FORCE_ABOVE_BAND);
         match self.out_of_reach {
             true => Some(Deaf::BandOutOfReach),
-            false => watched.all(deaf).then_some(Deaf::ForceAboveBand),
+            false => watched.all(|axis| self.is_deaf(axis)).then_some(Deaf::ForceAboveBand),
         }
+    }
+
+    /// Whether the force of an axis is estimated rightly in no part of the band.
+    fn is_deaf(&self, axis: usize) -> bool {
+        self.force_flags(axis).contains(Validity::FORCE_ABOVE_BAND)
     }
 
     /// Whether no flag of the newest force estimate of one axis forbids acting on it, and the band in which

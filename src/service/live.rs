@@ -91,7 +91,7 @@ pub struct AxisView {
     pub stability_margin_hi_1_s: Option<f64>,
     /// `known`; `air`, `settling`; `off` where the axis is not watched for it; or why the cut cannot be
     /// heard: `speed_unknown`, `pitch_unknown`, `cut_unknown`, `noise_over_line`, `interval_too_wide`,
-    /// `no_root_in_band`, `chatter`.
+    /// `no_root_in_band`, `force_above_band`, `chatter`.
     pub stability_margin_state: String,
     /// Offset that is commanded, m.
     pub offset_commanded_m: f64,

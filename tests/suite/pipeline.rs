@@ -8,8 +8,8 @@ use stillcut::force::balance::Method;
 use stillcut::force::settings::ForceSettings;
 use stillcut::force::signals::Signals;
 use stillcut::pipeline::{
-    AxisPlan, BandPlan, Deaf, ForcePlan, Pipeline, PipelineSettings, ServoPlan, StepOutput, StreamFault,
-    ToolAxis,
+    AxisPlan, BandPlan, CutPrior, Deaf, DeafReason, ForcePlan, MarginPlan, MarginReading, Pipeline,
+    PipelineSettings, ServoPlan, StepOutput, StreamFault, ToolAxis,
 };
 use stillcut::plant::cutting::{Cutting, RawCutting};
 use stillcut::plant::scenario::{RawScenario, Scenario};
@@ -278,9 +278,17 @@ fn a_band_that_no_axis_estimates_is_not_heard() {
                 (plan.method, plan.motor_cutoff_hz) = (method, None);
             }
         }
+        let prior = CutPrior {
+            workpiece: scenario.workpiece,
+            cutting: scenario.cutting,
+            position_m: scenario.workpiece.projection_length_m(),
+        };
+        settings.margin = Some(MarginPlan { prior, force_hz: MarginPlan::FORCE_HZ });
         let mut live = Pipeline::new(settings).unwrap();
         outputs(&mut live, &samples(scenario, 1, 9));
         assert_eq!(live.deaf(), deaf, "{method:?}");
+        let unheard = Some(&MarginReading::Deaf(DeafReason::ForceAboveBand));
+        assert_eq!(live.margin_reading(1) == unheard, deaf.is_some(), "{method:?}");
     }
 }
 

@@ -213,7 +213,7 @@ function showState(now) {
 // The smallest margin of the axes with its interval; without one, why the cut is not heard.
 const DEAF = {
   speed_unknown: "speed not known", pitch_unknown: "pitch not known", chatter: "chatter", cut_unknown: "cut not known", noise_over_line: "noise hides the cut",
-  interval_too_wide: "too uncertain", no_root_in_band: "no line in the band", settling: "settling",
+  interval_too_wide: "too uncertain", no_root_in_band: "no line in the band", force_above_band: "force not known in the band", settling: "settling",
 };
 function marginText(axes) {
   const known = axes.filter((axis) => typeof axis.stability_margin_1_s === "number");

@@ -101,6 +101,7 @@ const WORDS = {
   "Latched fault": ["Gespeicherte Störung", "保持された故障"],
   "Stability margin": ["Stabilitätsreserve", "安定余裕"],
   "speed not known": ["Drehzahl unbekannt", "回転数不明"],
+  "force not known in the band": ["Kraft im Band unbekannt", "帯域で力が不明"],
   "pitch not known": ["Teilung unbekannt", "ピッチ不明"],
   "cut not known": ["Schnitt unbekannt", "切削状態不明"],
   "noise hides the cut": ["Rauschen verdeckt den Schnitt", "ノイズに埋もれている"],

@@ -41,6 +41,8 @@ pub enum DeafReason {
     IntervalTooWide,
     /// No root lies in the analysis band.
     NoRootInBand,
+    /// The force is not estimated rightly where the roots are.
+    ForceAboveBand,
     /// The cut chatters: the vibration is not small, and its mean force is not known.
     Chatter,
 }
@@ -52,18 +54,20 @@ keep_list!(DeafReason {
     NoiseOverLine,
     IntervalTooWide,
     NoRootInBand,
+    ForceAboveBand,
     Chatter
 });
 
 impl DeafReason {
     /// All of them.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::SpeedUnknown,
         Self::PitchUnknown,
         Self::CutUnknown,
         Self::NoiseOverLine,
         Self::IntervalTooWide,
         Self::NoRootInBand,
+        Self::ForceAboveBand,
         Self::Chatter,
     ];
 
@@ -77,6 +81,7 @@ impl DeafReason {
             Self::NoiseOverLine => "noise_over_line",
             Self::IntervalTooWide => "interval_too_wide",
             Self::NoRootInBand => "no_root_in_band",
+            Self::ForceAboveBand => "force_above_band",
             Self::Chatter => "chatter",
         }
     }
