@@ -22,7 +22,8 @@ pub(super) struct Criteria {
     pub(super) hold: f64,
     /// Memory of the noise, s.
     pub(super) noise_s: f64,
-    /// A line that stands is no news when it was known for so long, s.
+    /// A line that stands is no news when it was known for so long, and what was an alarm is known for so
+    /// long, s.
     pub(super) before_s: f64,
     /// What is newer is not used to whiten: growth must not teach the model that explains it away, s.
     pub(super) guard_s: f64,
@@ -32,8 +33,7 @@ pub(super) struct Criteria {
     pub(super) most: f64,
     /// Values of noise before anything is evidence, s: ten for each coefficient.
     pub(super) first_s: f64,
-    /// Share of the threshold above which a window usually hears a line: the square root of its evidence,
-    /// which scatters by 0.7, falls below `hold` by chance at 2.7 deviations.
+    /// Share of the threshold above which a window usually hears a line.
     pub(super) usual: f64,
     /// Silence before the end, and memory of what is usual in an alarm, s.
     pub(super) end_s: f64,
@@ -102,7 +102,7 @@ pub(super) const CRITERIA: Criteria = Criteria {
     orders_s: 1.0,
     most: 3.0,
     first_s: 0.2,
-    usual: 1.2,
+    usual: 0.8,
     end_s: 0.1,
     usual_s: 0.5,
     louder: 4.0,

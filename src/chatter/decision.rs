@@ -74,44 +74,7 @@ impl Decision {
 
 #[cfg(test)]
 mod tests {
-    use super::super::criteria::{FALSE_ALARM_S, Levels, WINDOWS};
     use super::*;
-    use nalgebra::Complex;
-
-    /// When the alarm of a line in white noise ends that stands for 60 s: it has `nats` in the third window.
-    fn weak_ends_s(nats: f64) -> Option<f64> {
-        let noise_nats = Levels::of(FALSE_ALARM_S).noise_nats;
-        let (mut decision, period_s, mut state) = (Decision::default(), 0.002, 7u64);
-        let mut uniform = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            ((state >> 11) as f64 + 0.5) / (1u64 << 53) as f64
-        };
-        let mut normal = || {
-            let (a, b) = (uniform(), uniform());
-            Complex::from_polar((-a.ln()).sqrt(), std::f64::consts::TAU * b)
-        };
-        let line = (nats / WINDOWS[2] as f64).sqrt();
-        let mut values = std::collections::VecDeque::new();
-        (0..31_000).map(|k| period_s * f64::from(k)).find(|t_s| {
-            let stands = if *t_s < 60.0 { line } else { 0.0 };
-            values.push_front(normal() + stands);
-            values.truncate(WINDOWS[3]);
-            let evidence = WINDOWS.map(|n| {
-                let sum: Complex<f64> = values.iter().take(n).sum();
-                sum.norm_sqr() / n as f64 / noise_nats
-            });
-            decision.step(*t_s, evidence, (1.0, false), period_s) == Some(Turn::Ends)
-        })
-    }
-
-    /// A line that a window hears just so scatters to half of it ten times a minute.
-    #[test]
-    fn a_weak_line_does_not_end_by_chance() {
-        for nats in [24.0, 30.0, 40.0, 80.0] {
-            let ended_s = weak_ends_s(nats).unwrap();
-            assert!((60.0..60.6).contains(&ended_s), "{nats}: {ended_s}");
-        }
-    }
 
     /// When the alarm ends that a line of 10 N^2 raised which gives way after a second to one of `power_n2`.
     fn ends_s(power_n2: f64) -> Option<f64> {

@@ -30,10 +30,12 @@ impl Heard {
         self.age > (LONGEST + PAST) * 3 / 4
     }
 
-    /// Takes what window `which` says of it; `least_nats` tell how it began.
-    fn look(&mut self, detection: &Detection, which: usize, least_nats: f64) {
+    /// Takes what window `which` says of it. What stood in an alarm is not judged anew when it is heard again
+    /// after a while in which noise hid it.
+    fn look(&mut self, detection: &Detection, which: usize, context: &Context) {
+        let least_nats = context.beginning_nats();
         let Detection { offset_hz, power_n2, over_noise, grown_nats, moved, .. } = *detection;
-        let left_s = CRITERIA.usual_s;
+        let left_s = if context.alarm { CRITERIA.before_s } else { CRITERIA.usual_s };
         let now =
             |age, power_n2, grown_nats| Heard { offset_hz, left_s, age, power_n2, which, grown_nats, moved };
         let tells = |nats: f64| nats.abs() >= least_nats;
@@ -109,7 +111,7 @@ impl Interference {
     pub(super) fn judge(&mut self, detection: &mut Detection, which: usize, context: &Context) {
         let least_nats = context.beginning_nats();
         let Some(line) = self.followed(detection) else { return };
-        line.look(detection, which, least_nats);
+        line.look(detection, which, context);
         if !context.alarm && line.is_refused(context) {
             let share = if line.moved { -1.0 } else { line.grown_nats / least_nats };
             detection.least(CRITERIA.hold * (1.0 + share), Reason::Interference);
@@ -168,6 +170,23 @@ mod tests {
         assert!(left(&mut lines, 12.0, 3, Some(0.5)) > 1.0);
         later(&mut lines, 200);
         assert!(left(&mut lines, 12.0, 3, Some(-9.0)) > 1.0);
+    }
+
+    #[test]
+    fn what_was_an_alarm_is_heard_again_without_another_beginning() {
+        let mut lines = Interference::default();
+        let mut heard = |alarm: bool, grown_nats: Option<f64>| {
+            let line = Detection { evidence: 2.0, over_noise: 2.0, power_n2: 1.0, ..Detection::default() };
+            let mut heard = Detection { grown_nats, ..line };
+            lines.judge(&mut heard, 3, &Context { alarm, ..context() });
+            later(&mut lines, 1500);
+            heard.evidence
+        };
+        assert!(heard(false, Some(9.0)) > 1.0);
+        assert!(heard(true, Some(9.0)) > 1.0);
+        // Three seconds later, and then six seconds later than that.
+        assert!(heard(false, Some(-9.0)) > 1.0);
+        assert!(heard(false, Some(-9.0)) < CRITERIA.hold);
     }
 
     #[test]
