@@ -153,12 +153,10 @@ impl Case<'_> {
         let says = state_n < thrust_n && (!is_left || share > Criteria::STANDARD.named_share);
         let named = !found.is_empty() && says;
         let of = if as_stated { self.start } else { &state };
-        let mut corrections = self.all_corrections(of, &settled);
-        let bent = self.out_of_budget && found.is_empty() && !corrections.is_empty();
+        let told_wrong = self.all_corrections(of, &settled);
+        let bent = self.out_of_budget && found.is_empty() && !told_wrong.is_empty();
         let unexplained = is_left && !named || bent;
-        if unexplained {
-            corrections.clear();
-        }
+        let corrections = if unexplained { Vec::new() } else { told_wrong.clone() };
         let verdict = verdict(unexplained, found.is_empty(), corrections.is_empty());
         let mut notes = self.notes_of((&left, [state_n, thrust_n]), (is_left, unexplained), &found);
         let faults = force_faults((self.axis, self.recordings), balance, &state, &doubt);
@@ -167,11 +165,12 @@ impl Case<'_> {
         let heldout_n = self.heldout_n(&state, None);
         let findings: Vec<Finding> =
             if unexplained { Vec::new() } else { self.findings(found, &left, heldout_n) };
-        let model = self.model(verdict, &state, &doubt, &findings, (&left, is_left));
+        let said = (&findings[..], &corrections[..]);
+        let model = self.model(verdict, (of, &settled), said, (&left, is_left));
         let series = residuals(balance, self.start, &state, &stated_beta(balance, self.start));
         let axes = [
             self.stated.clone(),
-            self.recalibrated(&state, &doubt),
+            self.recalibrated(&state, &doubt, &told_wrong),
             model.axis(&self.stated.name).unwrap_or(self.stated).clone(),
         ];
         let limits = self.detection_limits(&state, level, &findings);

@@ -6,6 +6,7 @@ use super::given;
 use super::gram::{BandGram, Gram, Part};
 use super::laws::{Deviations, scale_deviation};
 use super::likelihood::{Design, FREE, Spread, values, weights_of};
+use super::model::screw_kg_m2;
 use super::rest::Rest;
 use super::rounding::QUARTERS;
 use super::signals::Layout;
@@ -181,12 +182,18 @@ pub(super) struct Beside {
     pub(super) nominal: f64,
     pub(super) value: f64,
     pub(super) deviation: f64,
-    /// What the motor's side has of it where one position tells both as one.
+    /// What the balance has with it as one: of the motor's side with one position, of a screw that is stated
+    /// beside the motor.
     other: f64,
     tolerance: f64,
 }
 
 impl Beside {
+    /// What it is where all forces are off by a factor, e^`off`.
+    pub(super) fn under(&self, off: f64) -> f64 {
+        (self.value + self.other) * (-off).exp() - self.other
+    }
+
     /// True for a number of a second mass that the model does not have.
     pub(super) fn is_of_second_mass(&self, balance: &Balance) -> bool {
         self.nominal == 0.0 && balance.drive.number(self.key).is_some_and(|guess| guess > 0.0)
@@ -207,8 +214,10 @@ pub(super) fn beside(balance: &Balance, axis: &AxisModel, state: &State, doubt: 
         let estimate =
             if *number == Number::StageCoulomb { state.coulomb_n() } else { state.base.fit.beta[k] };
         let unit = if matches!(number, Number::MotorMass | Number::MotorDamping) { r2 } else { 1.0 };
-        let nominal = as_stated.number(key).unwrap_or(0.0);
-        let other = number.of_motor().filter(|_| !two).map_or(0.0, |motor| stated.of(motor));
+        let of_motor = number.of_motor().filter(|_| !two).map_or(0.0, |motor| stated.of(motor));
+        let of_screw = if *number == Number::MotorMass { screw_kg_m2(axis) } else { 0.0 };
+        let other = of_motor + of_screw;
+        let nominal = as_stated.number(key).unwrap_or(0.0) - of_screw;
         let value = unit * estimate - other;
         let deviation = unit * doubt.numbers[k];
         Some(Beside { key, nominal, value, deviation, other, tolerance })
@@ -226,7 +235,8 @@ pub(super) fn common_scale(balance: &Balance, numbers: &[Beside]) -> f64 {
     }
     let told = numbers.iter().filter(|n| n.nominal > 0.0 && n.value > 0.0);
     let mut list: Vec<(f64, f64)> = told
-        .map(|n| ((n.value / n.nominal).ln(), 1.0 / n.tolerance.hypot(n.deviation / n.value)))
+        .map(|n| (n.value + n.other, n))
+        .map(|(all, n)| ((all / (n.nominal + n.other)).ln(), 1.0 / n.tolerance.hypot(n.deviation / all)))
         .chain([(0.0, 1.0 / c.torque_constant_tolerance)])
         .collect();
     list.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -263,7 +273,7 @@ pub(super) fn corrections(
     let off = if of_constant { common } else { 0.0 };
     let mut list = Vec::new();
     for n in all.iter().filter(|n| n.nominal > 0.0 && n.value > 0.0) {
-        let value = n.value * (-off).exp();
+        let value = n.under(off);
         let apart = ((value + n.other) / (n.nominal + n.other)).ln().abs();
         if apart > c.correction_tolerances * n.tolerance
             && apart > c.correction_deviations * n.deviation / (n.value + n.other)
