@@ -125,6 +125,23 @@ fn a_resonance_outside_the_vocabulary_is_located_and_not_named() {
     assert!(!location.bands_hz.is_empty() && !location.time.is_empty());
 }
 
+/// A mode, a gap and a delay had been told with no gain, since what stands for them was left in the numbers;
+/// steps of an encoder with a residual of nothing without them.
+#[test]
+fn every_finding_takes_something_from_what_was_held_out() {
+    for effect in ["torsional_mode", "backlash", "dead_time", "encoder_quantization"] {
+        let (machine, recordings) = concealed(&[effect], 31);
+        let d = diagnose(&machine, &recordings, &|_, _| {}).unwrap();
+        assert!(d.findings.iter().any(|f| f.effect.name() == effect), "{effect}");
+        for f in &d.findings {
+            let fit = f.fit;
+            assert!(fit.heldout_rms_after_n < 0.995 * fit.heldout_rms_before_n, "{}: {fit:?}", f.effect);
+        }
+        let shares = d.location.and_then(|l| l.shares).expect("two positions show sides");
+        assert!((shares[0] + shares[1] - 1.0).abs() < 1e-9 && (0.0..=1.0).contains(&shares[2]), "{shares:?}");
+    }
+}
+
 #[test]
 fn a_large_dead_time_does_not_shrink_the_stage_balance_to_nothing() {
     // The stage balance has no force of its own to hold its scale: beside a large misfit at the motor it once fell to zero.
