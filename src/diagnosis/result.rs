@@ -91,7 +91,7 @@ pub struct Location {
     /// When, in which recording.
     pub time: Vec<TimeSpans>,
     /// Share of the mismatch on motor side, stage side and in their sum (power, 0 to 1), as measured; `None`:
-    /// one position shows no sides.
+    /// one position shows no sides, or nothing of it is above the noise.
     pub shares: Option<[f64; 3]>,
 }
 

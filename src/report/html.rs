@@ -181,7 +181,8 @@ fn finding_card(out: &mut String, d: &Diagnosis, f: &Finding) {
     let _ = write!(
         out,
         "<h2>Finding {}: {} {}</h2><div class=\"card\"><h3>{}</h3><p class=\"small\"><span class=\"before\">Without it <b>{}</b></span> \
-         stay unexplained, <span class=\"after\">with it <b>{}</b></span>; noise floor {}. Probability <b>{}</b>.</p><div class=\"equation\">{}</div>\
+         stay unexplained, <span class=\"after\">with it <b>{}</b></span>; noise floor {}. \
+         Probability <b>{}</b>.</p><div class=\"equation\">{}</div>\
          <table><tr><th>number</th><th class=\"n\">value</th><th class=\"n\">95 % interval</th><th></th></tr>",
         f.rank,
         escape(&spoken(f.effect.name())),

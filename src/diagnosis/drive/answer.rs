@@ -147,7 +147,6 @@ impl Case<'_> {
         let limits = self.detection_limits(&state, level, &findings);
         let closed_loop = closed_loop(&balance.signals, &axes, self.recordings, &state);
         let location = self.location(verdict, &findings, &left, &state);
-        let sides = balance.signals.sides();
         Diagnosis {
             axis: self.stated.name.clone(),
             verdict,
@@ -161,9 +160,9 @@ impl Case<'_> {
             recordings: self.recording_fits(&series, unexplained),
             left_out: Vec::new(),
             no_evidence: None,
-            balances: if sides == 2 { vec!["motor", "stage"] } else { vec!["axis"] },
+            balances: balance.signals.sides_named().to_vec(),
             series_rate_hz: balance.signals.thin_rate_hz(),
-            noise_floor_n: left.floors_n[..sides].to_vec(),
+            noise_floor_n: left.floors_n[..balance.signals.sides()].to_vec(),
             tried: self.tried(),
             detection_limits: limits,
             model,

@@ -351,6 +351,11 @@ impl Signals {
         if self.layout == Layout::TwoPositions { 2 } else { 1 }
     }
 
+    /// Names of the balances.
+    pub(super) fn sides_named(&self) -> &'static [&'static str] {
+        if self.sides() == 2 { &["motor", "stage"] } else { &["axis"] }
+    }
+
     /// The side of the stage, of the axis where there is one position.
     pub(super) fn last(&self) -> usize {
         self.sides() - 1
