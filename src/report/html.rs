@@ -5,7 +5,7 @@
 
 use super::faults::{FaultOf, faults_box};
 use super::in_loop::in_loop;
-use super::naming::{spoken, without_unit};
+use super::naming::{parameter, spoken};
 use super::page::{engineering, key, page, significant};
 use super::place::place;
 use super::plot::{Axis, Figure, Mark, escape, range_of};
@@ -199,7 +199,7 @@ fn finding_card(out: &mut String, d: &Diagnosis, f: &Finding) {
         let _ = write!(
             out,
             "<tr><td>{}</td><td class=\"n\"><b>{}</b></td><td class=\"n\">{} \u{2026} {}</td><td>{}</td></tr>",
-            escape(&without_unit(&e.name)),
+            escape(&parameter(f.effect, &e.name)),
             engineering(e.value, e.unit, digits),
             engineering(e.ci95[0], e.unit, digits),
             engineering(e.ci95[1], e.unit, digits),

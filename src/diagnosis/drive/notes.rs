@@ -12,9 +12,9 @@ use super::number::Number;
 use super::numbers::Absent;
 use super::rest::{Rest, spans_s};
 use super::state::State;
-use super::words::engineering;
 use crate::diagnosis::result::{Candidate, ForceFault, ForceFaultKind, TimeSpans, Unexplained};
 use crate::diagnosis::selection::Reach;
+use crate::units::engineering;
 
 /// Why something that was found is not asserted.
 const STANDS_BESIDE: &str = "what is left beside it stands above the noise, and it is no cause of that";
@@ -168,7 +168,7 @@ impl Case<'_> {
         }
         let undivided = candidates.iter().filter(|c| c.reason == UNDIVIDED);
         let undivided: Vec<String> = undivided.map(|c| format!("{} at {}", c.effect, c.port)).collect();
-        let of = |x: f64| engineering(x, "N");
+        let of = |x: f64| engineering(x, "N", 4);
         if !undivided.is_empty() {
             let names = undivided.join(" or ");
             notes.push(format!("Friction is left out, and this motion does not say which: {names}."));
