@@ -33,7 +33,7 @@ fn run_drive(arguments: &Arguments, model: &Path) -> anyhow::Result<()> {
     let machine = read_machine(model).map_err(bad_input)?;
     let axes: Vec<String> = machine.axes.iter().map(|a| a.name.clone()).collect();
     let paths = arguments.recordings.iter().map(PathBuf::as_path);
-    let Checked { gated, paths, files, faults } = read_checked(paths, &axes)?;
+    let Checked { gated, paths, given, files, faults } = read_checked(paths, &axes)?;
     let masked = gated.iter().map(Gated::masked).collect();
     let resting = gated.iter().map(Gated::resting).collect();
     let clock_moved = gated.iter().map(Gated::moved_in_time).collect();
@@ -50,17 +50,19 @@ fn run_drive(arguments: &Arguments, model: &Path) -> anyhow::Result<()> {
         let concerned: Vec<String> = concerned.map(|(path, _)| path.display().to_string()).collect();
         // What was masked is why too little is left, where all of it would be enough.
         let of = |f: &&FaultOf| {
-            let recording = files.iter().zip(&recordings).find(|(file, _)| **file == f.recording);
+            let recording = given.iter().zip(&recordings).find(|(of, _)| **of == f.of);
             recording.is_some_and(|(_, r)| error.concerns(&r.experiment))
         };
         let masks = faults.iter().filter(|f| f.fault.action == Action::Mask).filter(of);
-        if let DiagnoseError::TooShort { needed, .. } = error
+        if let DiagnoseError::TooShort { needed, rests: false, .. } = error
             && recordings.iter().any(|r| error.concerns(&r.experiment) && r.len() >= needed)
             && let Some(at) = masks.max_by(|a, b| a.fault.share.total_cmp(&b.fault.share))
         {
-            let (file, Fault { column, kind, statement, .. }) = (&at.recording, &at.fault);
+            let (recording, Fault { column, kind, statement, .. }) = (&at.recording, &at.fault);
             let (kind, why) = (kind.name(), statement.trim_end_matches('.'));
-            return bad_input(format!("{file}: column {column}: {kind}: {why}; nothing is left to judge"));
+            return bad_input(format!(
+                "{recording}: column {column}: {kind}: {why}; nothing is left to judge"
+            ));
         }
         bad_input(if concerned.is_empty() {
             error.to_string()
@@ -68,14 +70,14 @@ fn run_drive(arguments: &Arguments, model: &Path) -> anyhow::Result<()> {
             format!("{}: {error}", concerned.join(", "))
         })
     })?;
+    let (looked_at, paths) = (diagnosis.looked_at(&given), diagnosis.looked_at(&paths));
     let (files, left_out) = (diagnosis.looked_at(&files), diagnosis.left_out(&files));
     let mut faults = faults;
     for found in &diagnosis.force_faults {
-        let told = FaultOf::of_force(files[found.recording].clone(), found);
+        let recording = paths[found.recording].display().to_string();
+        let told = FaultOf::of_force((looked_at[found.recording], recording), found);
         let same = |f: &FaultOf| {
-            f.recording == told.recording
-                && f.fault.column == told.fault.column
-                && f.fault.kind == told.fault.kind
+            f.of == told.of && f.fault.column == told.fault.column && f.fault.kind == told.fault.kind
         };
         faults.retain(|f| !same(f));
         faults.push(told);

@@ -20,7 +20,7 @@ pub(super) fn run(arguments: &Arguments, scenario_file: &Path) -> anyhow::Result
     let scenario = read_scenario(scenario_file).map_err(bad_input)?;
     let axes = FORCE_AXES.map(str::to_owned);
     let paths = arguments.recordings.iter().map(PathBuf::as_path);
-    let Checked { gated, paths, files: names, faults } = read_checked(paths, &axes)?;
+    let Checked { gated, paths, files: names, faults, .. } = read_checked(paths, &axes)?;
     let recordings = gated.iter().zip(&paths).map(|(gated, path)| cut_recording(gated, path, &scenario));
     let recordings = recordings.collect::<anyhow::Result<Vec<_>>>()?;
     let table = arguments.cuts.as_deref().map(read_cuts).transpose().map_err(bad_input)?;

@@ -3,7 +3,7 @@
 use super::bad_input;
 use crate::gate::{Criteria, Fault, Gated, Logged, check, rounded_by_one};
 use crate::recording::{read_logged, read_recording};
-use crate::report::faults::FaultOf;
+use crate::report::faults::{FaultOf, file_name};
 use crate::sample::Recording;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -15,10 +15,13 @@ pub(super) fn read_gated(path: &Path, axes: &[String]) -> anyhow::Result<Gated> 
 }
 
 /// Several recordings of one machine: those that can be judged, with what is wrong with all of them.
+#[derive(Default)]
 pub(super) struct Checked {
     pub(super) gated: Vec<Gated>,
     /// Where those that can be judged lie.
     pub(super) paths: Vec<PathBuf>,
+    /// Their places among those that were handed in.
+    pub(super) given: Vec<usize>,
     /// Names of their files.
     pub(super) files: Vec<String>,
     pub(super) faults: Vec<FaultOf>,
@@ -32,19 +35,20 @@ pub(super) fn read_checked<'a>(
     let paths: Vec<PathBuf> = paths.map(Path::to_owned).collect();
     let mut all: Vec<Gated> = paths.iter().map(|path| read_gated(path, axes)).collect::<Result<_, _>>()?;
     rounded_by_one(&mut all, axes);
-    let mut checked = Checked { gated: Vec::new(), paths: Vec::new(), files: Vec::new(), faults: Vec::new() };
+    let mut checked = Checked::default();
     let mut refusal = None;
-    for (path, gated) in paths.into_iter().zip(all) {
-        let file = path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
-        let faults =
-            gated.faults.iter().map(|fault| FaultOf { recording: file.clone(), fault: fault.clone() });
+    for (of, (path, gated)) in paths.into_iter().zip(all).enumerate() {
+        let recording = path.display().to_string();
+        let faults = gated.faults.iter().cloned();
+        let faults = faults.map(|fault| FaultOf { of, recording: recording.clone(), fault });
         checked.faults.extend(faults);
         if let Some(fault) = gated.refusal() {
             refusal.get_or_insert_with(|| refused(&path, fault));
             continue;
         }
+        checked.given.push(of);
+        checked.files.push(file_name(&path));
         checked.paths.push(path);
-        checked.files.push(file);
         checked.gated.push(gated);
     }
     match refusal {

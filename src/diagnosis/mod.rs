@@ -117,8 +117,9 @@ pub enum DiagnoseError {
     },
     /// Too short for the filters.
     #[error(
-        "recording {recording}: {samples} samples, at least {needed} are needed: its rate, its spring and \
-         the noise of its positions leave a band of {below_hz:.3} Hz, and such a band needs more time"
+        "recording {recording}: {samples} samples in motion, at least {needed} are needed: its rate, its \
+         spring and the noise of its positions leave a band of {below_hz:.3} Hz, and such a band needs more \
+         time"
     )]
     TooShort {
         /// Experiment of the recording.
@@ -129,6 +130,8 @@ pub enum DiagnoseError {
         needed: usize,
         /// Band in which a balance is struck.
         below_hz: f64,
+        /// With what was recorded at rest there would be enough.
+        rests: bool,
     },
 }
 

@@ -90,8 +90,39 @@ pub struct Location {
     pub bands_hz: Vec<[f64; 2]>,
     /// When, in which recording.
     pub time: Vec<TimeSpans>,
-    /// Share of the mismatch on motor side, stage side and in their sum (power, 0 to 1).
-    pub shares: [f64; 3],
+    /// Share of the mismatch on motor side, stage side and in their sum (power, 0 to 1), as measured; `None`:
+    /// one position shows no sides, or nothing of it is above the noise.
+    pub shares: Option<[f64; 3]>,
+}
+
+/// What no finding explains and stands above the noise.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Unexplained {
+    /// Where it enters.
+    pub port: Port,
+    /// Bands that hold nearly all of it.
+    pub bands_hz: Vec<[f64; 2]>,
+    /// When it is loud, in which recording.
+    pub time: Vec<TimeSpans>,
+    /// Root mean square, N.
+    pub force_n: f64,
+    /// Noise floor in the same bands, N.
+    pub floor_n: f64,
+}
+
+/// An effect that takes a part of the mismatch and is not asserted.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Candidate {
+    /// Effect.
+    pub effect: EffectKind,
+    /// Port.
+    pub port: Port,
+    /// Its evidence, and what it would have had to exceed, nats.
+    pub evidence_nats: f64,
+    /// See there.
+    pub level_nats: f64,
+    /// Why it is not asserted.
+    pub reason: &'static str,
 }
 
 /// Root mean squares of the force balance on parts that nothing was fitted to, in N.
@@ -297,6 +328,10 @@ pub struct Diagnosis {
     pub location: Option<Location>,
     /// Effects, strongest first.
     pub findings: Vec<Finding>,
+    /// What is left above the noise, whatever else was found.
+    pub unexplained: Option<Unexplained>,
+    /// What takes part of it and is not asserted, strongest first.
+    pub candidates: Vec<Candidate>,
     /// Band of the residuals.
     pub residual_band_hz: [f64; 2],
     /// What is wrong with the column of the force beyond what the gate saw.
@@ -350,6 +385,8 @@ impl Diagnosis {
             verdict: Verdict::ModelAdequate,
             location: None,
             findings: Vec::new(),
+            unexplained: None,
+            candidates: Vec::new(),
             residual_band_hz: [0.0; 2],
             force_faults: Vec::new(),
             parameter_corrections: Vec::new(),

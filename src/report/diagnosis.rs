@@ -2,7 +2,7 @@
 
 use super::cut_files::{contribution_name, remove_contributions};
 use super::faults::{FaultOf, faults_json};
-use crate::diagnosis::{Alternative, Diagnosis, Estimate, Finding, Location, SimulatedTrial};
+use crate::diagnosis::{Alternative, Diagnosis, Estimate, Finding, Location, SimulatedTrial, TimeSpans};
 use crate::recording::{RecordingError, Table, TableColumn, write_table, write_whole};
 use serde_json::{Map, Value, json};
 use std::path::Path;
@@ -42,6 +42,14 @@ pub fn to_json(
         "no_evidence": diagnosis.no_evidence,
         "location": diagnosis.location.as_ref().map(|l| location(l, diagnosis)),
         "findings": diagnosis.findings.iter().map(finding).collect::<Vec<_>>(),
+        "unexplained": diagnosis.unexplained.as_ref().map(|u| json!({
+            "port": u.port.name(), "bands_hz": u.bands_hz, "time_s": times(&u.time, diagnosis),
+            "force_n": u.force_n, "floor_n": u.floor_n,
+        })),
+        "candidates": diagnosis.candidates.iter().map(|c| json!({
+            "effect": c.effect.name(), "port": c.port.name(), "evidence_nats": c.evidence_nats,
+            "level_nats": c.level_nats, "reason": c.reason,
+        })).collect::<Vec<_>>(),
         "residual_band_hz": diagnosis.residual_band_hz,
         "noise_floor_n": noise_floor(diagnosis),
         "detection_limits": diagnosis.detection_limits.iter().map(|l| json!({
@@ -89,18 +97,24 @@ fn noise_floor(diagnosis: &Diagnosis) -> Map<String, Value> {
     floors.map(|(balance, n)| ((*balance).to_owned(), json!(n))).collect()
 }
 
-fn location(l: &Location, diagnosis: &Diagnosis) -> Value {
+/// Spans by the word of their recording.
+fn times(spans: &[TimeSpans], diagnosis: &Diagnosis) -> Map<String, Value> {
     let mut time: Map<String, Value> = Map::new();
-    for t in l.time.iter().filter(|t| !t.spans_s.is_empty()) {
+    for t in spans.iter().filter(|t| !t.spans_s.is_empty()) {
         let word = diagnosis.recordings.get(t.recording).map_or("", |r| r.experiment.as_str());
         // Several recordings may carry the same word.
         let same = |n: usize| if n == 1 { word.to_owned() } else { format!("{word} ({n})") };
         let name = (1..).map(same).find(|name| !time.contains_key(name)).unwrap_or_default();
         time.insert(name, json!(t.spans_s));
     }
+    time
+}
+
+fn location(l: &Location, diagnosis: &Diagnosis) -> Value {
+    let time = times(&l.time, diagnosis);
     json!({
         "port": l.port.name(), "domain": l.domain, "bands_hz": l.bands_hz, "time_s": time,
-        "shares": { "motor": l.shares[0], "stage": l.shares[1], "sum": l.shares[2] },
+        "shares": l.shares.map(|s| json!({ "motor": s[0], "stage": s[1], "sum": s[2] })),
     })
 }
 

@@ -5,11 +5,14 @@ use crate::diagnosis::{ForceFault, ForceFaultKind};
 use crate::gate::{Action, Fault, FaultKind};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
+use std::path::Path;
 
 /// A fault and the file that has it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FaultOf {
-    /// File as it was given, without its folder.
+    /// Its place among the recordings as they were handed in.
+    pub of: usize,
+    /// File as it was given.
     pub recording: String,
     /// What is wrong.
     pub fault: Fault,
@@ -18,7 +21,7 @@ pub struct FaultOf {
 impl FaultOf {
     /// A fault of the force that only the diagnosis saw.
     #[must_use]
-    pub fn of_force(recording: String, found: &ForceFault) -> Self {
+    pub fn of_force((of, recording): (usize, String), found: &ForceFault) -> Self {
         let column = found.column.clone();
         let (kind, statement) = match found.kind {
             ForceFaultKind::MainsLine { frequency_hz, rms_n } => (
@@ -38,8 +41,14 @@ impl FaultOf {
         };
         let fault =
             Fault { column, kind, time_s: Vec::new(), share: 1.0, action: Action::Correct, statement };
-        Self { recording, fault }
+        Self { of, recording, fault }
     }
+}
+
+/// Name of a file without its folder, for people.
+#[must_use]
+pub fn file_name(path: &Path) -> String {
+    path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned())
 }
 
 /// Value of `recording_faults`: always a list.
@@ -73,7 +82,7 @@ pub fn faults_box(out: &mut String, faults: &[FaultOf]) {
         let _ = write!(
             out,
             "<tr><td>{}</td><td>{}</td><td class=\"soft\">{}</td></tr>",
-            escape(&f.recording),
+            escape(&file_name(Path::new(&f.recording))),
             escape(&f.fault.statement),
             done(f.fault.action)
         );

@@ -5,7 +5,7 @@
 
 use super::faults::{FaultOf, faults_box};
 use super::in_loop::in_loop;
-use super::naming::{spoken, without_unit};
+use super::naming::{parameter, spoken};
 use super::page::{engineering, key, page, significant};
 use super::place::place;
 use super::plot::{Axis, Figure, Mark, escape, range_of};
@@ -32,9 +32,8 @@ pub fn diagnosis_page(diagnosis: &Diagnosis, context: &ReportContext) -> String 
     let mut body = String::new();
     header(&mut body, diagnosis, context);
     faults_box(&mut body, &context.faults);
-    if let Some(next) = next_step(diagnosis) {
-        let _ = write!(body, "<h2>What to do next</h2><div class=\"next\">{}</div>", escape(next));
-    }
+    let next = escape(next_step(diagnosis));
+    let _ = write!(body, "<h2>What to do next</h2><div class=\"next\">{next}</div>");
     let picked = telling(diagnosis);
     if let Some(picked) = picked {
         hero(&mut body, diagnosis, picked);
@@ -182,7 +181,8 @@ fn finding_card(out: &mut String, d: &Diagnosis, f: &Finding) {
     let _ = write!(
         out,
         "<h2>Finding {}: {} {}</h2><div class=\"card\"><h3>{}</h3><p class=\"small\"><span class=\"before\">Without it <b>{}</b></span> \
-         stay unexplained, <span class=\"after\">with it <b>{}</b></span>; noise floor {}.</p><div class=\"equation\">{}</div>\
+         stay unexplained, <span class=\"after\">with it <b>{}</b></span>; noise floor {}. \
+         Probability <b>{}</b>.</p><div class=\"equation\">{}</div>\
          <table><tr><th>number</th><th class=\"n\">value</th><th class=\"n\">95 % interval</th><th></th></tr>",
         f.rank,
         escape(&spoken(f.effect.name())),
@@ -191,6 +191,7 @@ fn finding_card(out: &mut String, d: &Diagnosis, f: &Finding) {
         engineering(f.fit.heldout_rms_before_n, "N", 3),
         engineering(f.fit.heldout_rms_after_n, "N", 3),
         engineering(f.fit.noise_floor_n, "N", 3),
+        likely(f.probability),
         escape(f.equation)
     );
     for e in &f.parameters {
@@ -198,7 +199,7 @@ fn finding_card(out: &mut String, d: &Diagnosis, f: &Finding) {
         let _ = write!(
             out,
             "<tr><td>{}</td><td class=\"n\"><b>{}</b></td><td class=\"n\">{} \u{2026} {}</td><td>{}</td></tr>",
-            escape(&without_unit(&e.name)),
+            escape(&parameter(f.effect, &e.name)),
             engineering(e.value, e.unit, digits),
             engineering(e.ci95[0], e.unit, digits),
             engineering(e.ci95[1], e.unit, digits),
@@ -211,6 +212,13 @@ fn finding_card(out: &mut String, d: &Diagnosis, f: &Finding) {
         significant(f.evidence, 3)
     );
     alternatives(out, f);
+}
+
+/// A probability in per cent; none is certain.
+fn likely(probability: f64) -> String {
+    const MOST: f64 = 99.9;
+    let percent = 100.0 * probability;
+    if percent > MOST { format!("above {MOST} %") } else { format!("{percent:.1} %") }
 }
 
 /// Enough digits to show the interval's half width with two.
@@ -240,8 +248,8 @@ fn alternatives(out: &mut String, f: &Finding) {
     if !others.is_empty() {
         let _ = write!(
             out,
-            "<h2>What else it could be</h2><div class=\"card\"><p class=\"small soft\">{} %: as said above. Else:</p><table>",
-            significant(100.0 * f.probability, 3)
+            "<h2>What else it could be</h2><div class=\"card\"><p class=\"small soft\">{}: as said above. Else:</p><table>",
+            likely(f.probability)
         );
         for a in others {
             let share = 100.0 * a.probability.clamp(0.0, 1.0);

@@ -1,6 +1,7 @@
 //! The frame of a page that stands alone: one style for light and dark, nothing loaded from outside.
 
 use super::plot::escape;
+pub use crate::units::{engineering, significant};
 
 /// A page: everything it needs is inside it.
 #[must_use]
@@ -12,48 +13,6 @@ pub fn page(title: &str, body: &str) -> String {
          <title>{}</title><style>{STYLE}</style></head>\n<body><main>{body}</main></body></html>\n",
         escape(title)
     )
-}
-
-/// A number with the prefix that a shop floor would use: 1.00 um, 0.164 ms, 3.75 MN/m.
-#[must_use]
-pub fn engineering(value: f64, unit: &str, digits: usize) -> String {
-    const PREFIXES: [(f64, &str); 8] = [
-        (1.0e9, "G"),
-        (1.0e6, "M"),
-        (1.0e3, "k"),
-        (1.0, ""),
-        (1.0e-3, "m"),
-        (1.0e-6, "\u{b5}"),
-        (1.0e-9, "n"),
-        (1.0e-12, "p"),
-    ];
-    let unit = if unit == "1" { "" } else { unit };
-    let plain = !matches!(unit, "m" | "s" | "m/s" | "N" | "N/m" | "Hz" | "A" | "V" | "N m" | "N m/A");
-    let small_only = matches!(unit, "m" | "s" | "m/s" | "Hz");
-    let size = value.abs();
-    if !value.is_finite() {
-        return format!("\u{2013} {unit}");
-    }
-    let fits = |p: f64| size >= 0.9995 * p;
-    let found = PREFIXES.iter().find(|(p, _)| fits(*p) && (!small_only || *p <= 1.0));
-    let keep = plain || size == 0.0 || (unit == "Hz") || (unit == "N" && (0.01..1.0e5).contains(&size));
-    let (scale, prefix) = if keep { (1.0, "") } else { found.map_or((1.0e-12, "p"), |f| (f.0, f.1)) };
-    format!("{} {prefix}{unit}", significant(value / scale, digits)).trim_end().to_owned()
-}
-
-/// `digits` significant digits, without an exponent where that is readable.
-#[must_use]
-pub fn significant(value: f64, digits: usize) -> String {
-    if value == 0.0 || !value.is_finite() {
-        return "0".to_owned();
-    }
-    let order = value.abs().log10().floor();
-    if !(-5.0..7.0).contains(&order) {
-        let text = format!("{value:.*e}", digits.saturating_sub(1));
-        return text.replace("e", "\u{b7}10^").replace('-', "\u{2212}");
-    }
-    let decimals = (digits as f64 - 1.0 - order).max(0.0) as usize;
-    format!("{value:.decimals$}").replace('-', "\u{2212}")
 }
 
 const STYLE: &str = "

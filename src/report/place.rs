@@ -10,12 +10,12 @@ use crate::diagnosis::{Diagnosis, RecordingFit};
 use std::fmt::Write as _;
 
 /// How the mismatch divides between the two sides of a flexible axis.
-fn sides(d: &Diagnosis, shares: [f64; 3]) -> String {
+fn sides(d: &Diagnosis, shares: Option<[f64; 3]>) -> String {
     if d.balances.len() < 2 {
         return "One position is measured, so the side is not seen, only what the force is a function of."
             .to_owned();
     }
-    let [motor, stage, sum] = shares.map(|s| 100.0 * s);
+    let Some([motor, stage, sum]) = shares.map(|of| of.map(|s| 100.0 * s)) else { return String::new() };
     format!(
         "Power of the mismatch: {motor:.0} % motor side, {stage:.0} % stage side, {sum:.0} % in their sum (which the spring \
          cannot reach)."

@@ -11,8 +11,6 @@ use crate::plant::effects::{
 use crate::signal::inner_products::rms;
 use std::f64::consts::TAU;
 
-/// Over the floor: what is more than this is not "down to the noise".
-const AT_NOISE: f64 = 1.5;
 /// Findings and numbers that the first sentence names.
 const SAID: usize = 2;
 
@@ -32,9 +30,11 @@ pub(super) fn headline(d: &Diagnosis) -> String {
             format!("The model leaves out {}{more}.", phrases.join("; and "))
         }
         Verdict::ParameterError => {
-            format!("Structure complete; wrong in the model: {}{}.{}", wrong(d), with_answer(d), rest(d))
+            format!("Structure complete; wrong in the model: {}{}.", wrong(d), with_answer(d))
         }
-        Verdict::ModelAdequate => adequate(d),
+        Verdict::ModelAdequate => {
+            "Nothing is missing: the model explains these recordings down to their noise.".to_owned()
+        }
         Verdict::UnexplainedMismatch => {
             let place = d
                 .location
@@ -59,21 +59,6 @@ fn wrong(d: &Diagnosis) -> String {
     }
 }
 
-fn adequate(d: &Diagnosis) -> String {
-    let largest =
-        d.parameter_corrections.iter().map(|c| (c.value / c.nominal - 1.0).abs()).fold(0.0, f64::max);
-    let numbers = match d.parameter_corrections.len() {
-        0 => String::new(),
-        1 => format!("one number off by {} %", significant(100.0 * largest, 2)),
-        n => format!("{n} numbers off by up to {} %", significant(100.0 * largest, 2)),
-    };
-    match (numbers.is_empty(), times_the_floor(d) < AT_NOISE) {
-        (false, _) => format!("Structure complete; {numbers}{}.{}", with_answer(d), rest(d)),
-        (true, true) => "Nothing is missing: the model explains these recordings down to their noise.".into(),
-        (true, false) => format!("No missing effect is proven.{}", rest(d)),
-    }
-}
-
 /// `: with model.toml 35 N becomes 0.28 N`, in the recording that the page shows.
 fn with_answer(d: &Diagnosis) -> String {
     let Some(p) = telling(d) else { return String::new() };
@@ -82,54 +67,27 @@ fn with_answer(d: &Diagnosis) -> String {
     format!(": with model.toml {} becomes {}", engineering(left, "N", 2), engineering(right, "N", 2))
 }
 
-/// What is left, over the noise floor, of the balance where that is most.
-fn times_the_floor(d: &Diagnosis) -> f64 {
-    let of = |balance: usize| {
-        let squares: Vec<f64> = d.recordings.iter().flat_map(|r| after(r, balance).iter().copied()).collect();
-        rms(&squares) / d.noise_floor_n.get(balance).copied().unwrap_or(0.0).max(1.0e-12)
-    };
-    (0..d.balances.len()).map(of).fold(0.0, f64::max)
-}
-
-fn rest(d: &Diagnosis) -> String {
-    let times = times_the_floor(d);
-    if times < AT_NOISE {
-        return String::new();
-    }
-    format!(
-        " What is left is {} times the noise of these recordings: they hold more than the model says, and no \
-         effect is proven to be the cause.",
-        significant(times, 2)
-    )
-}
-
-/// What to do with the answer where no finding says it.
-pub(super) fn next_step(d: &Diagnosis) -> Option<&'static str> {
+/// What to do with the answer: what tells a finding from what else it could be, or what confirms the answer.
+pub(super) fn next_step(d: &Diagnosis) -> &str {
     if d.no_evidence.is_some() {
-        return Some(
-            "A recording of five seconds or more while the axis feeds in air: strokes over the whole travel in both \
-             directions at three speeds at least.",
-        );
+        return "A recording of five seconds or more while the axis feeds in air: strokes over the whole travel in both \
+                directions at three speeds at least.";
     }
-    let loud = times_the_floor(d) >= AT_NOISE;
+    let confirmed = "Take model.toml in the place of the model, record the axis with another stroke and another speed, \
+                     and diagnose that with it: the answer must be that nothing is missing.";
     match d.verdict {
-        Verdict::MissingPhysics => None,
-        Verdict::UnexplainedMismatch => Some(
+        Verdict::MissingPhysics => {
+            d.findings.iter().find_map(|f| f.next_experiment.as_deref()).unwrap_or(confirmed)
+        }
+        Verdict::UnexplainedMismatch => {
             "The same motion twice, then at half the speed and with another load: what differs between the first two is \
-             not of the axis; whether the rest stays at its position, its speed or its time says what to look for.",
-        ),
-        _ if loud => Some(
-            "Another recording, five seconds or more: strokes over the whole travel in both directions at three speeds at \
-             least. Diagnosed with model.toml beside this one it shows whether the rest belongs to the axis.",
-        ),
-        Verdict::ModelAdequate if d.parameter_corrections.is_empty() => Some(
+             not of the axis; whether the rest stays at its position, its speed or its time says what to look for."
+        }
+        Verdict::ParameterError => confirmed,
+        Verdict::ModelAdequate => {
             "Nothing now. After a repair, a crash or a year of work record the same motion again and diagnose it with the \
-             same model: what has changed since is then what it finds.",
-        ),
-        _ => Some(
-            "Take model.toml in the place of the model, record the axis with another stroke and another speed, and \
-             diagnose that with it: the answer must be that nothing is missing.",
-        ),
+             same model: what has changed since is then what it finds."
+        }
     }
 }
 

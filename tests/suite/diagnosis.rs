@@ -1,6 +1,7 @@
 //! The diagnosis on simulated axes whose answer is known, and on models it wrote itself.
 
 use crate::folders::shared;
+use crate::own_drive::assert_written;
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution as _, Normal};
@@ -99,6 +100,7 @@ fn a_stated_law_of_another_size_is_a_wrong_number() {
     assert_eq!((d.verdict, d.findings.len()), (Verdict::ParameterError, 0));
     let c = d.parameter_corrections.iter().find(|c| c.name == "position_periodic_force.amplitude_n").unwrap();
     assert!((c.value / size - 1.0).abs() < 0.03 && c.ci95[1] < 1.2 * size, "{c:?}");
+    assert_written(&d);
     let again = ask(&d.model, &moves);
     assert_eq!(again.verdict, Verdict::ModelAdequate, "{:?}", again.parameter_corrections);
 }
@@ -121,6 +123,27 @@ fn a_resonance_outside_the_vocabulary_is_located_and_not_named() {
     // Which of the encoders a force without law seems to come from is not told apart from the coupling.
     assert!(["coupling", "stage", "stage_encoder"].contains(&location.port.name()), "{location:?}");
     assert!(!location.bands_hz.is_empty() && !location.time.is_empty());
+}
+
+/// A mode, a gap and a delay had been told with no gain, since what stands for them was left in the numbers;
+/// steps of an encoder with a residual of nothing without them.
+#[test]
+fn every_finding_takes_something_from_what_was_held_out() {
+    for effect in ["torsional_mode", "backlash", "dead_time", "encoder_quantization"] {
+        let (machine, recordings) = concealed(&[effect], 31);
+        let d = diagnose(&machine, &recordings, &|_, _| {}).unwrap();
+        assert!(d.findings.iter().any(|f| f.effect.name() == effect), "{effect}");
+        for f in &d.findings {
+            let fit = f.fit;
+            assert!(fit.heldout_rms_after_n < 0.995 * fit.heldout_rms_before_n, "{}: {fit:?}", f.effect);
+        }
+        // A mode shows above the bands that the floor is read off beside.
+        let Some(shares) = d.location.and_then(|l| l.shares) else {
+            assert_ne!(effect, "dead_time", "two positions show sides");
+            continue;
+        };
+        assert!((shares[0] + shares[1] - 1.0).abs() < 1e-9 && (0.0..=1.0).contains(&shares[2]), "{shares:?}");
+    }
 }
 
 #[test]
@@ -230,7 +253,7 @@ fn a_delay_that_is_stated_too_long_is_a_wrong_number() {
     assert_eq!(d.verdict, Verdict::ParameterError);
     let delay = d.parameter_corrections.iter().find(|c| c.name == "amplifier_dead_time_s").unwrap();
     assert!((delay.value - true_s).abs() < 3.0e-5, "{delay:?}, true {true_s}");
-    assert!((d.model.axes[0].drive.amplifier_dead_time_s() - delay.value).abs() < 1e-9);
+    assert_written(&d);
 }
 
 /// The moves of a healthy axis with another current, put right to within the noise that was put in.
@@ -312,7 +335,7 @@ fn friction_that_turns_over_another_speed_is_a_wrong_number() {
     assert_eq!(d.verdict, Verdict::ParameterError);
     let speed = d.parameter_corrections.iter().find(|c| c.name == "friction_smoothing_m_s").unwrap();
     assert!((speed.value / true_m_s - 1.0).abs() < 0.1, "{speed:?}, true {true_m_s}");
-    assert!((d.model.axes[0].drive.friction_smoothing_m_s() / speed.value - 1.0).abs() < 1e-9);
+    assert_written(&d);
 }
 
 /// Nothing measured is differentiated or fitted in the loop: what it says is a proof beside the balance.
@@ -364,6 +387,14 @@ fn an_axis_of_three_inertias_that_is_stated_as_such_lacks_nothing() {
     assert_eq!(again.verdict, Verdict::ModelAdequate);
     let axis = &again.model.axes[0];
     assert!(axis.physics.is_empty() && axis.drive.torsional_stiffness_nm_rad() > 0.0);
+
+    // The motor's inertia is told and written without that of the screw, which is stated beside it.
+    let motor = three.axes[0].drive.rotary_inertia_kg_m2();
+    let heavy = restated(&three, |raw| raw.rotary_inertia_kg_m2 = Some(1.5 * motor));
+    let told = ask(&heavy, sweep);
+    let c = told.parameter_corrections.iter().find(|c| c.name == "rotary_inertia_kg_m2").unwrap();
+    assert!((c.nominal / (1.5 * motor) - 1.0).abs() < 1e-9 && (c.value / motor - 1.0).abs() < 0.05, "{c:?}");
+    assert_written(&told);
 }
 
 #[test]
@@ -524,7 +555,7 @@ fn encoders_that_nobody_says_are_read_apart_are_told_and_no_damping_is() {
     let true_s = apart_s + raw.stage_encoder_delay_s.unwrap_or(0.0);
     assert!(told.len() == 1 && told[0].name == "stage_encoder_delay_s", "{told:?}");
     assert!((told[0].value - true_s).abs() < 5.0e-6, "{told:?}, true {true_s}");
-    assert_eq!(d.model.axes[0].drive.raw().stage_encoder_delay_s, Some(told[0].value));
+    assert_written(&d);
 }
 
 /// The stage's position as an encoder has it that is read later, by cubic interpolation.

@@ -100,9 +100,11 @@ fn diagnosis() -> Diagnosis {
             domain: "velocity",
             bands_hz: vec![[0.5, 12.0]],
             time: vec![TimeSpans { recording: 0, spans_s: vec![[0.0, 6.0]] }],
-            shares: [0.02, 0.97, 0.98],
+            shares: Some([0.02, 0.97, 0.98]),
         }),
         findings: vec![finding],
+        unexplained: None,
+        candidates: Vec::new(),
         residual_band_hz: [0.0, 300.0],
         force_faults: Vec::new(),
         parameter_corrections: vec![Correction {
@@ -160,6 +162,7 @@ fn the_page_says_the_sentence_and_the_numbers() {
         "The model leaves out friction that is 9.97 N higher at creep speed",
         "Without it <b>5.62 N</b>",
         "93.0 %: as said above",
+        "Probability <b>93.0 %</b>",
         "9.97 N",
         "4.93 mm/s",
         "5.62 N",
@@ -200,6 +203,35 @@ fn every_verdict_has_its_page() {
         let page = diagnosis_page(&d, &context());
         assert!(page.contains(verdict.name()) && !page.contains("NaN") && !page.contains("inf "));
     }
+}
+
+/// What is left is one and a half times its floor, and the engine that measured both calls that noise.
+#[test]
+fn a_healthy_machine_reads_that_nothing_is_missing() {
+    let mut d = diagnosis();
+    (d.verdict, d.location) = (Verdict::ModelAdequate, None);
+    d.findings.clear();
+    d.parameter_corrections.clear();
+    d.noise_floor_n.iter_mut().for_each(|n| *n *= 0.3);
+    let page = diagnosis_page(&d, &context());
+    assert!(page.contains("<h1>Nothing is missing: "));
+    assert!(!page.contains("hold more than the model says") && !page.contains("No missing effect is proven"));
+}
+
+#[test]
+fn a_finding_without_a_rival_is_told_with_what_confirms_it() {
+    let next = |d: &Diagnosis| {
+        let page = diagnosis_page(d, &context());
+        let from = page.find("What to do next").expect("a next step");
+        page[from..from + 300].to_owned()
+    };
+    let mut d = diagnosis();
+    assert!(next(&d).contains("Strokes of 100 um"), "what tells the finding from its rivals");
+    d.findings[0].alternatives.clear();
+    d.findings[0].next_experiment = None;
+    d.findings[0].probability = 0.9999;
+    assert!(next(&d).contains("Take model.toml in the place of the model"));
+    assert!(diagnosis_page(&d, &context()).contains("Probability <b>above 99.9 %</b>"));
 }
 
 #[test]

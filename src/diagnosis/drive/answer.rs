@@ -4,19 +4,20 @@ use super::case::{Case, Found};
 use super::closed_loop::closed_loop;
 use super::evidence::{least_seen_n, level};
 use super::faults::force_faults;
-use super::gram::{BandGram, Part};
+use super::heldout::{Named, Stepped, Written, foretold_n, without};
 use super::laws::current_loop_lag::CurrentLoop;
 use super::laws::dead_time::Delay;
 use super::laws::{Deviations, Hypothesis, Shape, scale_deviation};
 use super::likelihood::Design;
 use super::model::{is_other_size, sizes};
 use super::notes;
-use super::numbers::{self, Absent, Doubt, absent, corrections, doubt, fit_without, stated_beta, unsaid};
+use super::numbers::{
+    self, Absent, Doubt, absent, corrections, doubt, fit_without, stated_beta, undivided, unsaid,
+};
 use super::recorded::position_at;
 use super::rest::{Rest, rest, rest_of, spans_s};
 use super::series::{Residuals, contribution, contribution_of_number, of_recording, residuals};
 use super::signals::Track;
-use super::spectra::FOLDS;
 use super::state::{Accepted, Balance, Number, State};
 use super::words::{specification, statement, term_of, told};
 use crate::diagnosis::criteria::{Criteria, Z95};
@@ -56,56 +57,25 @@ pub(super) fn is_other_than_zero(
         && (sizes.peek().is_none() || sizes.any(|told| told))
 }
 
-/// Root mean square on parts that nothing was fitted to, N; `without`: one law's coefficients taken out.
-fn heldout_n(balance: &Balance, state: &State, without_law: Option<usize>) -> f64 {
-    let base = &state.base;
-    let mut design = base.design.clone();
-    let mut start = base.fit.beta.clone();
-    if let Some(k) = without_law {
-        let first = state.place(k);
-        let n = state.accepted[k].coefficients();
-        let kept: Vec<usize> = (0..start.len()).filter(|k| !(first..first + n).contains(k)).collect();
-        design = design.kept(&kept);
-        start = kept.iter().map(|k| start[*k]).collect();
-    }
-    let mut sum = 0.0;
-    let foretold = balance.foretold(&base.gram, &design, &start);
-    for (part, beta) in (0..FOLDS).map(Part::Fold).zip(foretold) {
-        for band in base.gram.sum(&balance.plan, part) {
-            let s = design.spread(&band, &beta);
-            sum += (s[0] + s[2]) * band.values;
-        }
-    }
-    (sum / balance.plan.measured().max(1.0)).sqrt()
-}
-
-/// True where a law foretells what was held out worse than nothing does: each part has been told by itself.
-fn foretells_nothing(balance: &Balance, state: &State, (law, with_n): (usize, f64)) -> bool {
-    // Without its column a law that is made of numbers is in the numbers.
-    !state.accepted[law].moves_with_numbers()
-        && with_n > (1.0 + Criteria::STANDARD.exactness) * heldout_n(balance, state, Some(law))
-}
-
 /// Drops laws that the recordings do not determine; what is left is built anew. Of two that stand for one
 /// another neither is determined: the one goes that the other does without at the least loss.
 pub(super) fn determined(balance: &Balance, mut state: State) -> (State, Doubt, Rest) {
     loop {
         let left = rest(balance, &state);
         let doubt = doubt(balance, &state, &left);
-        let heldout_n = heldout_n(balance, &state, None);
-        let is_vague = |(k, (a, d)): &(usize, (&Accepted, &Deviations))| {
+        let most_n = foretold_n(balance, state.base.fitted()) / (1.0 + Criteria::STANDARD.exactness);
+        let others_if_vague = |(k, (a, d)): (usize, (&Accepted, &Deviations))| {
             let told = if a.hypothesis.facts().trades { 1 } else { d.constants.len() };
             let vague = d.constants.iter().take(told).any(|c| *c > Criteria::STANDARD.undetermined)
                 || !is_other_than_zero(balance, (&state, a), d)
                 || a.hypothesis.is_at_bound();
-            a.given.is_none() && (vague || foretells_nothing(balance, &state, (*k, heldout_n)))
+            // Or the others foretell what was held out better: each part has been told by itself.
+            let others = without(balance, &state, Named::Law(k));
+            (vague || foretold_n(balance, others.base.fitted()) < most_n).then_some(others)
         };
+        let found = |(_, (a, _)): &(usize, (&Accepted, &Deviations))| a.given.is_none();
         let pairs = state.accepted.iter().zip(&doubt.laws).enumerate();
-        let without = pairs.filter(is_vague).map(|(k, _)| {
-            let mut others = state.clone();
-            others.accepted.remove(k);
-            others.rebuilt(balance)
-        });
+        let without = pairs.filter(found).filter_map(others_if_vague);
         match without.min_by(|a, b| a.base.fit.nats.total_cmp(&b.base.fit.nats)) {
             Some(others) => state = others,
             None => return (state, doubt, left),
@@ -123,11 +93,8 @@ impl Case<'_> {
     pub(super) fn answer(self, state: State) -> Diagnosis {
         let balance = self.balance;
         let (state, doubt, _) = determined(balance, state);
-        let level = self
-            .rounds
-            .last()
-            .and_then(|r| r.fitted.first())
-            .map_or(level(&state, (1, 0.0)), |f| f.level_nats);
+        let last = self.rounds.last().and_then(|r| r.fitted.first());
+        let level = last.map_or(level(&state, (1, 0.0)), |f| f.level_nats);
         let absent = absent(balance, &state, &doubt, level);
         let mut found = self.found(&state, &doubt, &absent, level);
         found.extend(self.encoder_steps());
@@ -143,56 +110,59 @@ impl Case<'_> {
         let (design, beta) = fit_without(self.start, &said);
         let before = rest_of(balance, self.start, (&design, &beta));
         // What the written model leaves: a number that it does not state is none of it.
-        let (design, beta) = fit_without(&state, &unsaid(balance, &absent));
+        let unsaid = unsaid(balance, &absent);
+        let (design, beta) = fit_without(&state, &unsaid);
         let left = rest_of(balance, &state, (&design, &beta));
         let [state_n, thrust_n] = self.left_and_thrust_n(&state, (&design, &beta));
         let says_nothing = state_n.powi(2) > Criteria::STANDARD.adequate_share * thrust_n.powi(2);
-        let is_left = left.is_left(self.stated_rest_n) || says_nothing;
+        let undivided = undivided(balance, &state, &unsaid).filter(|_| !as_stated);
+        let is_left = left.is_left(self.stated_rest_n) || says_nothing || undivided.is_some();
         let share = explained_share([&before, &left], Criteria::STANDARD.repeatability * thrust_n);
         // Nothing is said by a model that leaves more than drives the axis.
         let says = state_n < thrust_n && (!is_left || share > Criteria::STANDARD.named_share);
         let named = !found.is_empty() && says;
         let of = if as_stated { self.start } else { &state };
-        let mut corrections = self.all_corrections(of, &settled);
-        let bent = self.out_of_budget && found.is_empty() && !corrections.is_empty();
+        let told_wrong = self.all_corrections(of, &settled);
+        let bent = self.out_of_budget && found.is_empty() && !told_wrong.is_empty();
         let unexplained = is_left && !named || bent;
-        if unexplained {
-            corrections.clear();
-        }
+        let corrections = if unexplained { Vec::new() } else { told_wrong.clone() };
         let verdict = verdict(unexplained, found.is_empty(), corrections.is_empty());
-        let mut notes = self.notes_of((&left, [state_n, thrust_n]), (is_left, unexplained), &found);
+        let mut candidates = self.candidates(&found, !unexplained);
+        candidates.extend(self.undivided(&unsaid, undivided));
+        let mut notes = self.notes_of((&left, [state_n, thrust_n]), is_left, &candidates);
         let faults = force_faults((self.axis, self.recordings), balance, &state, &doubt);
         let (force_faults, more) = notes::budget(&self, faults, found.is_empty());
         notes.extend(more);
-        let heldout_n = self.heldout_n(&state, None);
-        let findings: Vec<Finding> =
-            if unexplained { Vec::new() } else { self.findings(found, &left, heldout_n) };
-        let model = self.model(verdict, &state, &doubt, &findings, (&left, is_left));
-        let series = residuals(balance, self.start, &state, &stated_beta(balance, self.start));
+        let asserted = if unexplained { Vec::new() } else { found };
+        let findings = self.findings(asserted, (&state, &unsaid), &left);
+        let said = (&findings[..], &corrections[..]);
+        let model = self.model(verdict, (of, &settled), said, (&left, is_left));
+        let written = (&state, &numbers::with_none(&state, &unsaid, &beta)[..]);
+        let series = residuals(balance, (self.start, &stated_beta(balance, self.start)), written);
         let axes = [
             self.stated.clone(),
-            self.recalibrated(&state, &doubt),
+            self.recalibrated(&state, &doubt, &told_wrong),
             model.axis(&self.stated.name).unwrap_or(self.stated).clone(),
         ];
         let limits = self.detection_limits(&state, level, &findings);
         let closed_loop = closed_loop(&balance.signals, &axes, self.recordings, &state);
         let location = self.location(verdict, &findings, &left, &state);
-        let floors = left.floors_n;
-        let two = balance.signals.sides() == 2;
         Diagnosis {
             axis: self.stated.name.clone(),
             verdict,
             location,
             findings,
+            unexplained: self.unexplained(&state, (&left, is_left), [state_n, thrust_n]),
+            candidates,
             residual_band_hz: [0.0, balance.signals.top_hz()],
             force_faults,
             parameter_corrections: corrections,
             recordings: self.recording_fits(&series, unexplained),
             left_out: Vec::new(),
             no_evidence: None,
-            balances: if two { vec!["motor", "stage"] } else { vec!["axis"] },
+            balances: balance.signals.sides_named().to_vec(),
             series_rate_hz: balance.signals.thin_rate_hz(),
-            noise_floor_n: if two { floors.to_vec() } else { vec![floors[0]] },
+            noise_floor_n: left.floors_n[..balance.signals.sides()].to_vec(),
             tried: self.tried(),
             detection_limits: limits,
             model,
@@ -213,11 +183,6 @@ impl Case<'_> {
         [left, thrust].map(|power| (power / self.samples()).sqrt())
     }
 
-    /// See [`heldout_n`].
-    pub(super) fn heldout_n(&self, state: &State, without_law: Option<usize>) -> f64 {
-        heldout_n(self.balance, state, without_law)
-    }
-
     fn samples(&self) -> f64 {
         self.balance.plan.measured().max(1.0)
     }
@@ -227,10 +192,10 @@ impl Case<'_> {
         let mut list = Vec::new();
         let is_found = |a: &Accepted| a.given.is_none() && !a.hypothesis.facts().is_number;
         let laws = state.accepted.iter().zip(&doubt.laws).enumerate().filter(|(_, (a, _))| is_found(a));
-        let laws = laws.map(|(k, (law, sd))| (law, sd, state, Some(k)));
+        let laws = laws.map(|(k, (law, sd))| (law, sd, state, Named::Law(k)));
         let path = self.found_in_path(state, doubt);
-        let of_path = path.iter().map(|(law, sd)| (law, sd, self.start, None));
-        for (law, sd, of, without_law) in laws.chain(of_path) {
+        let of_path = path.iter().map(|(law, sd, named)| (law, sd, self.start, *named));
+        for (law, sd, of, named) in laws.chain(of_path) {
             let h = &law.hypothesis;
             let (estimates, term) = told(h, &state.told(balance, law, sd));
             let (evidence_nats, level_nats) = self.evidence_of(h.effect, h.port);
@@ -240,7 +205,7 @@ impl Case<'_> {
                 evidence_nats,
                 level_nats,
                 contribution: contribution(balance, of, law, self.recordings),
-                without_n: self.heldout_n(of, without_law),
+                named,
             });
         }
         let scale = scale_deviation(balance);
@@ -248,8 +213,7 @@ impl Case<'_> {
             let Some(effect) = a.number.effect() else { continue };
             let dry = effect == EffectKind::CoulombFriction;
             let of = if dry { &coulomb_friction::FORCE } else { &viscous_friction::COEFFICIENT };
-            let one = balance.signals.sides() == 1;
-            let port = if one || a.number.is_of_stage() { Port::Stage } else { Port::Motor };
+            let port = Absent::port_of(balance, a.number);
             let half = Z95 * a.deviation.hypot(scale * a.value);
             let estimates = vec![Estimate::within(of, a.value, half)];
             list.push(Found {
@@ -258,36 +222,28 @@ impl Case<'_> {
                 evidence_nats: a.evidence_nats,
                 level_nats: level,
                 contribution: contribution_of_number(balance, state, a.number, self.recordings),
-                without_n: self.without_number_n(state, a.number),
+                named: Named::Number(a.number),
             });
         }
         list.sort_by(|a, b| b.evidence_nats.total_cmp(&a.evidence_nats));
         list
     }
 
-    fn without_number_n(&self, state: &State, number: Number) -> f64 {
-        let (design, beta) = fit_without(state, &[number]);
-        let of = |b: &BandGram| {
-            let s = design.spread(b, &beta);
-            (s[0] + s[2]) * b.values
-        };
-        (state.base.all.iter().map(of).sum::<f64>() / self.samples()).sqrt()
-    }
-
     /// A dead time longer than stated, a current loop slower than stated.
-    fn found_in_path(&self, state: &State, doubt: &Doubt) -> Vec<(Accepted, Deviations)> {
+    fn found_in_path(&self, state: &State, doubt: &Doubt) -> Vec<(Accepted, Deviations, Named)> {
         let balance = self.balance;
-        let found = |law: Shape, deviation: f64| {
+        let found = |law: Shape, deviation: f64, named: Named| {
             let deviations = Deviations { amplitudes: vec![0.0], constants: vec![deviation] };
-            (Accepted::found(Hypothesis::new(Port::Current, law), vec![1.0]), deviations)
+            (Accepted::found(Hypothesis::new(Port::Current, law), vec![1.0]), deviations, named)
         };
         let extra_s = state.now.path.delay_s - balance.drive.amplifier_dead_time_s();
         // What a loop took the place of may have left nothing of a delay.
         let within_s = Criteria::STANDARD.timing_deviation / balance.signals.rate_hz;
         let is_late = state.now.found_delay && extra_s > Z95 * doubt.path[0].hypot(within_s);
-        let delay = is_late.then(|| found(Delay { extra_s, early: false }.into(), doubt.path[0] / extra_s));
+        let late = Delay { extra_s, early: false };
+        let delay = is_late.then(|| found(late.into(), doubt.path[0] / extra_s, Named::Delay));
         let bandwidth = state.now.path.loop_rad_s.filter(|_| state.now.found_loop);
-        let lag = |rad_s| found(CurrentLoop { rad_s, in_place: false }.into(), doubt.path[1]);
+        let lag = |rad_s| found(CurrentLoop { rad_s, in_place: false }.into(), doubt.path[1], Named::Loop);
         delay.into_iter().chain(bandwidth.map(lag)).collect()
     }
 
@@ -304,8 +260,20 @@ impl Case<'_> {
         self.round_of(effect, port).first().map_or((0.0, 1.0), |f| (f.evidence_nats, f.level_nats))
     }
 
-    pub(super) fn findings(&self, found: Vec<Found>, left: &Rest, heldout_n: f64) -> Vec<Finding> {
+    pub(super) fn findings(
+        &self,
+        found: Vec<Found>,
+        (state, unsaid): (&State, &[Number]),
+        left: &Rest,
+    ) -> Vec<Finding> {
         let floor = left.floors_n[0].hypot(left.floors_n[1]);
+        if found.is_empty() {
+            return Vec::new();
+        }
+        let stepped = found.iter().filter_map(|f| self.stepped(f)).collect();
+        let written = Written { state, unsaid, stepped };
+        let left_n = |named: Option<Named>| written.heldout_n(self.balance, named);
+        let after_n = left_n(None);
         let of = |(k, f): (usize, Found)| {
             let (probability, alternatives) = self.probabilities(&f);
             let next = alternatives.first().filter(|a: &&Alternative| a.probability > 0.05);
@@ -324,8 +292,8 @@ impl Case<'_> {
                 equation: specification(effect).equation,
                 maps: maps.collect(),
                 fit: Fit {
-                    heldout_rms_before_n: f.without_n,
-                    heldout_rms_after_n: heldout_n,
+                    heldout_rms_before_n: left_n(Some(f.named)),
+                    heldout_rms_after_n: after_n,
                     noise_floor_n: floor,
                 },
                 probability,
@@ -397,8 +365,16 @@ impl Case<'_> {
             evidence_nats: 10.0 * level_nats,
             level_nats,
             contribution: read.map(|(k, (x, r))| of_recording(k, r, off(x))).collect(),
-            without_n: 0.0,
+            named: Named::Steps(port),
         })
+    }
+
+    /// Noise that steps make, where those are what was found.
+    fn stepped(&self, found: &Found) -> Option<Stepped> {
+        let Named::Steps(port) = found.named else { return None };
+        let noise_m2 =
+            |r: &Recording| Some(variance_m2(&position_at(self.axis, r, port)?, r.sample_rate.hz()));
+        Some(Stepped { port, variance_m2: self.recordings.iter().map(noise_m2).collect::<Option<_>>()? })
     }
 
     /// Numbers of the structure and of stated laws that stand elsewhere.
@@ -440,17 +416,12 @@ impl Case<'_> {
             .map(|r| TimeSpans { recording: r, spans_s: spans_s(self.balance, of, r, shown.band_hz) })
             .collect();
         let port = first.map_or(left.port, |f| f.port);
-        let shares = match shown.port {
-            Port::Motor => [1.0, 0.0, 1.0],
-            Port::Coupling | Port::MotorEncoder | Port::StageEncoder => [0.5, 0.5, 0.0],
-            _ => [0.0, 1.0, 1.0],
-        };
         Some(Location {
             port,
             domain: first.map_or("time", |f| specification(f.effect).domain),
             bands_hz: vec![shown.band_hz],
             time,
-            shares,
+            shares: shown.shares,
         })
     }
 

@@ -43,7 +43,11 @@ impl Balance {
         // One position tells friction at the lowest frequencies, where every real axis leaves most: weights
         // by band would give those few bins away for the many of the noise.
         let white = signals.layout != Layout::TwoPositions;
-        let plan = Plan::new(&masked, signals.thin_rate_hz(), (signals.top_hz(), white));
+        let mut plan = Plan::new(&masked, signals.thin_rate_hz(), (signals.top_hz(), white));
+        if signals.layout == Layout::OnePosition {
+            let rests = |r: usize, k: usize| signals.tracks[r].rests.get(k).copied().unwrap_or(false);
+            plan = plan.looking_at(|r, k| !rests(r, k));
+        }
         let mut out = Self { drive, signals, plan, clock_moved, stage_later_s, fixed: Vec::new() };
         let changing = |n: &Number| n.is_dry_friction() || matches!(n, N::Timing | N::EncoderTiming);
         out.fixed = out

@@ -1,5 +1,6 @@
 //! What an answer is made of: the case that was selected, and what was found in it.
 
+use super::heldout::Named;
 use super::laws::Hypothesis;
 use super::state::{Balance, State};
 use crate::diagnosis::result::{Contribution, Estimate};
@@ -31,6 +32,6 @@ pub(super) struct Found {
     pub(super) evidence_nats: f64,
     pub(super) level_nats: f64,
     pub(super) contribution: Vec<Contribution>,
-    /// Held-out residual without it, N.
-    pub(super) without_n: f64,
+    /// What it stands for in the state.
+    pub(super) named: Named,
 }

@@ -79,7 +79,7 @@ impl Case<'_> {
         }
         let mut in_air = in_air().unwrap_or_else(|| self.nothing_else(&state));
         let found = self.found(&state, &doubt, &[], level(&state, (1, 0.0)));
-        let mut findings = self.findings(found, &left, self.heldout_n(&state, None));
+        let mut findings = self.findings(found, (&state, &[]), &left);
         in_air.notes.extend(self.notes.iter().cloned());
         if in_air.verdict == Verdict::UnexplainedMismatch {
             return Some(in_air);
@@ -95,7 +95,8 @@ impl Case<'_> {
 
     /// The answer of an axis of which nothing can be told but a cut (`state`: the model with it).
     fn nothing_else(&self, state: &State) -> Diagnosis {
-        let series = residuals(self.balance, self.start, state, &stated_beta(self.balance, self.start));
+        let stated = stated_beta(self.balance, self.start);
+        let series = residuals(self.balance, (self.start, &stated), (state, &state.base.fit.beta));
         let found = Case { notes: Vec::new(), ..*self }.answer(self.start.clone());
         let note =
             "Without the cut too little was measured in motion: nothing else can be told of this axis.";

@@ -118,22 +118,18 @@ pub(super) fn ask(balance: &Balance, state: &State, h: &Hypothesis, chance: bool
 
 /// T, nats: the worst of score, sum over folds and sum over recordings.
 pub(super) fn statistic(balance: &Balance, state: &State, h: &Hypothesis, asked: &Asked) -> f64 {
-    let gains = held_out_gains(balance, state, (&asked.gram, &asked.design, &asked.fit.beta));
+    let after = balance.held_out_nats(&asked.gram, &asked.design, &asked.fit.beta);
+    let gains = part_gains(balance, &state.base.held_out_nats, &after);
     let carries_over = |k: usize| k == 0 || !h.facts().is_of_one_recording;
     let counted = gains.iter().enumerate().filter(|(k, _)| carries_over(*k));
     counted.filter_map(|(_, gain)| *gain).fold(asked.score, f64::min)
 }
 
-/// What another design of a state's recordings gains on quarters, and on recordings where there are several,
-/// that are left out in turn, nats.
-pub(super) fn held_out_gains(
-    balance: &Balance,
-    state: &State,
-    (gram, design, beta): (&Gram, &Design, &[f64]),
-) -> [Option<f64>; 2] {
-    let nats = balance.held_out_nats(gram, design, beta);
+/// What one fit gains over another on quarters, and on recordings where there are several, that are left
+/// out in turn, nats: sums of what [`Balance::held_out_nats`] says of each.
+pub(super) fn part_gains(balance: &Balance, before: &[f64], after: &[f64]) -> [Option<f64>; 2] {
     let mut gains = [None; 2];
-    for (part, (before, after)) in balance.parts().iter().zip(state.base.held_out_nats.iter().zip(nats)) {
+    for (part, (before, after)) in balance.parts().iter().zip(before.iter().zip(after)) {
         let of: &mut Option<f64> = &mut gains[usize::from(matches!(part, Part::Recording(_)))];
         *of = Some(of.unwrap_or(0.0) + before - after);
     }

@@ -14,6 +14,7 @@ mod evidence;
 mod faults;
 mod given;
 mod gram;
+mod heldout;
 mod laws;
 mod likelihood;
 mod lines;
@@ -97,21 +98,16 @@ fn balance_of(
         let samples = balance.plan.measured() as usize * balance.signals.step;
         let needed = spectra::SHORTEST_BLOCK * balance.signals.step;
         let below_hz = balance.signals.top_hz();
-        return Err(DiagnoseError::TooShort { recording, samples, needed, below_hz });
+        let rests = balance.plan.in_blocks() >= spectra::SHORTEST_BLOCK as f64;
+        return Err(DiagnoseError::TooShort { recording, samples, needed, below_hz, rests });
     }
     Ok(balance)
 }
 
 /// Numbers and balance after they have followed one another, with what the model states and is not heeded.
 fn start_of(axis: &AxisModel, balance: &state::Balance) -> (state::State, Vec<String>) {
-    let mut start = state::State::new(balance, Vec::new());
     let (laws, notes) = given::given(axis, &state::stated_mechanics(balance));
-    if !laws.is_empty() {
-        start = state::State::new(balance, laws);
-    }
-    for _ in 0..subject::PASSES {
-        start = start.begun(balance);
-    }
+    let start = state::State::new(balance, &laws, subject::PASSES);
     (start, notes)
 }
 

@@ -2,19 +2,21 @@
 
 use super::case::Case;
 use super::laws::Effect;
-use super::numbers::{Doubt, beside, common_scale, corrections};
+use super::number::INERTIA;
+use super::numbers::{Beside, Doubt, beside, common_scale};
 use super::rest::Rest;
 use super::state::State;
 use crate::diagnosis::criteria::Criteria;
-use crate::diagnosis::result::{Finding, Verdict};
-use crate::plant::drive::DriveParams;
+use crate::diagnosis::result::{Correction, Finding, Verdict};
+use crate::plant::drive::{DriveParams, Structure};
 use crate::plant::effects::external_disturbance::{RMS, UP_TO};
 use crate::plant::effects::{EffectKind, Parameter, ParameterValue, PhysicsTerm, Role, Specification};
 use crate::plant::machine::{AxisModel, Machine};
 
 impl Case<'_> {
-    /// The stated drive with numbers that the recordings tell; `all`: those that were never stated, too.
-    fn drive(&self, state: &State, doubt: &Doubt) -> DriveParams {
+    /// The stated drive with the numbers that are told to be wrong, as they are told, and with those that the
+    /// recordings tell as well as a model states them.
+    fn drive(&self, state: &State, doubt: &Doubt, told_wrong: &[Correction]) -> DriveParams {
         // When encoders are read is said by a correction or as it was stated.
         let stated = super::given::folded(self.stated).drive;
         let mut raw = self.balance.drive.raw().clone();
@@ -22,43 +24,40 @@ impl Case<'_> {
             (stated.raw().motor_encoder_delay_s, stated.raw().stage_encoder_delay_s);
         let d = &DriveParams::new(raw).unwrap_or(stated);
         let told = beside(self.balance, self.stated, state, doubt);
-        let common = common_scale(self.balance, &told);
-        let list = corrections(self.balance, self.stated, state, doubt);
-        let constant = list.iter().find(|c| c.name == "torque_constant_nm_a");
-        let off = if constant.is_some() { (-common).exp() } else { 1.0 };
-        let known = told
-            .iter()
-            .filter(|n| {
-                let is_known = n.deviation < Criteria::STANDARD.damping_tolerance * n.value;
-                n.value > 0.0 && (is_known || n.is_of_second_mass(self.balance))
-            })
-            .map(|n| (n.key, off * n.value));
-        let further =
-            list.iter().filter(|c| !told.iter().any(|n| n.key == c.name)).map(|c| (&*c.name, c.value));
-        d.with_numbers(known.chain(further)).unwrap_or_else(|_| d.clone())
+        let is_of_constant = told_wrong.iter().any(|c| c.name == "torque_constant_nm_a");
+        let off = if is_of_constant { common_scale(self.balance, &told) } else { 0.0 };
+        let is_known = |n: &&Beside| {
+            let is_known = n.deviation < Criteria::STANDARD.damping_tolerance * n.value;
+            n.value > 0.0 && (is_known || n.is_of_second_mass(self.balance))
+        };
+        let known = told.iter().filter(is_known).map(|n| (n.key, n.under(off)));
+        // The balance has the motor's and a stated screw's inertia as one.
+        let screw = screw_kg_m2(self.stated);
+        let as_one = |(key, value)| (key, if key == INERTIA { value + screw } else { value });
+        let wrong = told_wrong.iter().map(|c| (&*c.name, c.value));
+        d.with_numbers(known.chain(wrong).map(as_one)).unwrap_or_else(|_| d.clone())
     }
 
-    pub(super) fn recalibrated(&self, state: &State, doubt: &Doubt) -> AxisModel {
-        AxisModel { drive: self.drive(state, doubt), ..self.axis.clone() }
+    pub(super) fn recalibrated(&self, state: &State, doubt: &Doubt, told_wrong: &[Correction]) -> AxisModel {
+        AxisModel { drive: self.drive(state, doubt, told_wrong), ..self.axis.clone() }
     }
 
     /// The model with everything that is said in it.
     pub(super) fn model(
         &self,
         verdict: Verdict,
-        state: &State,
-        doubt: &Doubt,
-        findings: &[Finding],
+        (state, doubt): (&State, &Doubt),
+        (findings, corrections): (&[Finding], &[Correction]),
         (left, is_left): (&Rest, bool),
     ) -> Machine {
         let mut machine = self.machine.clone();
         if verdict == Verdict::UnexplainedMismatch || verdict == Verdict::ModelAdequate {
             return machine;
         }
-        let mut axis = self.recalibrated(state, doubt);
-        for law in state.accepted.iter() {
+        let mut axis = self.recalibrated(state, doubt, corrections);
+        for (law, sd) in state.accepted.iter().zip(&doubt.laws) {
             if let Some(index) = law.given
-                && is_other_size(law.scale, 0.0)
+                && is_other_size(law.scale, sd.amplitudes.first().copied().unwrap_or(0.0))
             {
                 scale_term(&mut axis.physics[index], law.scale);
             }
@@ -113,12 +112,22 @@ fn scale_term(term: &mut PhysicsTerm, scale: f64) {
     }
 }
 
+/// The inertia of a screw that is stated by itself, beside the motor's, kg m2.
+pub(super) fn screw_kg_m2(stated: &AxisModel) -> f64 {
+    if stated.drive.structure() == Structure::TripleInertia {
+        stated.drive.screw_inertia_kg_m2()
+    } else {
+        0.0
+    }
+}
+
 /// A third inertia that was stated stands in the drive again.
 fn restored(stated: &AxisModel, axis: &mut AxisModel) {
     let given = stated.drive.raw();
-    let Some(screw) = given.screw_inertia_kg_m2.filter(|_| given.torsional_stiffness_nm_rad.is_some()) else {
+    let screw = screw_kg_m2(stated);
+    if screw == 0.0 {
         return;
-    };
+    }
     let mut raw = axis.drive.raw().clone();
     raw.rotary_inertia_kg_m2 = raw.rotary_inertia_kg_m2.map(|total| (total - screw).max(1e-12));
     raw.screw_inertia_kg_m2 = Some(screw);

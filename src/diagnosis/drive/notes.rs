@@ -8,10 +8,18 @@
 use super::bank::candidates;
 use super::case::{Case, Found};
 use super::laws::Hypothesis;
-use super::rest::Rest;
-use super::words::engineering;
-use crate::diagnosis::result::{ForceFault, ForceFaultKind};
+use super::number::Number;
+use super::numbers::Absent;
+use super::rest::{Rest, spans_s};
+use super::state::State;
+use crate::diagnosis::result::{Candidate, ForceFault, ForceFaultKind, TimeSpans, Unexplained};
 use crate::diagnosis::selection::Reach;
+use crate::units::engineering;
+
+/// Why something that was found is not asserted.
+const STANDS_BESIDE: &str = "what is left beside it stands above the noise, and it is no cause of that";
+const UNDIVIDED: &str =
+    "with the others of this reason it is missed, and the motion does not say which of them";
 
 /// Faults of the force's column that may be told, and notes on the rest.
 pub(super) fn budget(
@@ -68,23 +76,109 @@ fn not_asked(case: &Case<'_>) -> Vec<String> {
 }
 
 impl Case<'_> {
+    /// What is left above the noise. `[left_n, thrust_n]`: all that is left, white or not, and the thrust.
+    pub(super) fn unexplained(
+        &self,
+        state: &State,
+        (left, is_left): (&Rest, bool),
+        [left_n, thrust_n]: [f64; 2],
+    ) -> Option<Unexplained> {
+        let time = (0..self.recordings.len())
+            .map(|r| TimeSpans { recording: r, spans_s: spans_s(self.balance, state, r, left.band_hz) });
+        let force_n = if left.force_n > left.floor_n { left.force_n } else { left_n };
+        is_left.then(|| Unexplained {
+            port: left.port,
+            bands_hz: vec![left.band_hz],
+            time: time.collect(),
+            force_n: force_n.min(thrust_n),
+            floor_n: left.floor_n,
+        })
+    }
+
+    /// What takes part of the mismatch and is not asserted: `found` beside what is left, and what was asked
+    /// last or dropped in the end.
+    pub(super) fn candidates(&self, found: &[Found], asserted: bool) -> Vec<Candidate> {
+        let stands = found.iter().map(|f| Candidate {
+            effect: f.term.effect,
+            port: f.term.port,
+            evidence_nats: f.evidence_nats,
+            level_nats: f.level_nats,
+            reason: STANDS_BESIDE,
+        });
+        let mut list: Vec<Candidate> = stands.filter(|_| !asserted).collect();
+        let last = self.rounds.last().filter(|r| !r.accepted).map_or(&[][..], |r| &r.fitted);
+        let dropped = self.rounds.iter().filter(|r| r.accepted).filter_map(|r| r.fitted.first());
+        let is_law = |h: &Hypothesis| !h.facts().is_number && h.law().fault(&[0.0; 2], 0).is_none();
+        for (f, was_taken) in last
+            .iter()
+            .map(|f| (f, false))
+            .chain(dropped.map(|f| (f, true)))
+            .filter(|(f, _)| is_law(&f.hypothesis))
+        {
+            let (effect, port) = (f.hypothesis.effect, f.hypothesis.port);
+            let known = found.iter().any(|g| (g.term.effect, g.term.port) == (effect, port))
+                || list.iter().any(|c| (c.effect, c.port) == (effect, port));
+            if known || f.evidence_nats <= 0.0 {
+                continue;
+            }
+            let reason = match (was_taken, f.at_bound) {
+                (true, _) => "beside what else was found the recordings do not determine it",
+                (_, true) => "a constant of it ends at its bound, or it is what every axis has",
+                _ => "its evidence is below what chance and the balance's own errors reach",
+            };
+            list.push(Candidate {
+                effect,
+                port,
+                evidence_nats: f.evidence_nats,
+                level_nats: f.level_nats,
+                reason,
+            });
+        }
+        list.sort_by(|a, b| b.evidence_nats.total_cmp(&a.evidence_nats));
+        list
+    }
+
+    /// Numbers that are missed together, the recordings saying of none that it is the one.
+    pub(super) fn undivided(&self, unsaid: &[Number], nats: Option<[f64; 2]>) -> Vec<Candidate> {
+        let Some([evidence_nats, level_nats]) = nats else { return Vec::new() };
+        let of = |n: &Number| {
+            let port = Absent::port_of(self.balance, *n);
+            Some(Candidate { effect: n.effect()?, port, evidence_nats, level_nats, reason: UNDIVIDED })
+        };
+        unsaid.iter().filter_map(of).collect()
+    }
+
     /// What a reader must know, in sentences. `is_left`: what is left stands above its floor.
     /// `[left_n, thrust_n]`: all that is left, white or not, and the thrust.
     pub(super) fn notes_of(
         &self,
         (left, [left_n, thrust_n]): (&Rest, [f64; 2]),
-        (is_left, unexplained): (bool, bool),
-        found: &[Found],
+        is_left: bool,
+        candidates: &[Candidate],
     ) -> Vec<String> {
         let mut notes = self.notes.clone();
-        if unexplained && !found.is_empty() {
-            let names: Vec<String> =
-                found.iter().map(|f| format!("{} at {}", f.term.effect, f.term.port)).collect();
+        let found: Vec<String> = candidates
+            .iter()
+            .filter(|c| c.reason == STANDS_BESIDE)
+            .map(|c| format!("{} at {}", c.effect, c.port))
+            .collect();
+        if !found.is_empty() {
             notes
-                .push(format!("Candidates that take part of it and are not asserted: {}.", names.join(", ")));
+                .push(format!("Candidates that take part of it and are not asserted: {}.", found.join(", ")));
         }
-        let of = |x: f64| engineering(x, "N");
-        if is_left && left.force_n > left.floor_n {
+        let undivided = candidates.iter().filter(|c| c.reason == UNDIVIDED);
+        let undivided: Vec<String> = undivided.map(|c| format!("{} at {}", c.effect, c.port)).collect();
+        let of = |x: f64| engineering(x, "N", 4);
+        if !undivided.is_empty() {
+            let names = undivided.join(" or ");
+            notes.push(format!("Friction is left out, and this motion does not say which: {names}."));
+        }
+        if left_n > thrust_n {
+            notes.push(
+                "No numbers of the balance leave less than the whole thrust: nothing is told of this axis."
+                    .to_owned(),
+            );
+        } else if is_left && left.force_n > left.floor_n {
             notes.push(format!(
                 "{} stay above a floor of {}, at the {}, up to {:.1} Hz.",
                 of(left.force_n),
@@ -92,7 +186,7 @@ impl Case<'_> {
                 left.port.name(),
                 left.band_hz[1]
             ));
-        } else if is_left {
+        } else if is_left && undivided.is_empty() {
             notes.push(format!(
                 "{} of a thrust of {} are left: the model says less than half of what drives this axis.",
                 of(left_n),

@@ -10,6 +10,9 @@ use crate::plant::effects::EffectKind;
 /// tanh)), w_k >= 0. The level is that of the number; a bump at low speed is none of these.
 pub(super) const TURNING: [fn(f64) -> f64; 2] = [|u| u / u.hypot(1.0), |u| (u / 3.0).tanh()];
 
+/// Key of the inertia of all that turns.
+pub(super) const INERTIA: &str = "rotary_inertia_kg_m2";
+
 /// A number of the structure, and the two constants that encoders without a common zero and scale leave free.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(in crate::diagnosis) enum Number {
@@ -74,7 +77,7 @@ impl Number {
     pub(super) fn key(self) -> Option<(&'static str, f64)> {
         let c = &Criteria::STANDARD;
         Some(match self {
-            Self::MotorMass => ("rotary_inertia_kg_m2", c.mass_tolerance),
+            Self::MotorMass => (INERTIA, c.mass_tolerance),
             Self::StageMass => ("movable_mass_kg", c.mass_tolerance),
             Self::Stiffness => ("axial_stiffness_n_m", c.mass_tolerance),
             Self::StructuralDamping => ("structural_damping_n_s_m", c.damping_tolerance),

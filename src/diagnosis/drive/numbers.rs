@@ -1,19 +1,21 @@
 //! Numbers of the model beside the recordings: deviations, corrections, numbers that the model leaves out.
 
 use super::columns::TimeColumn;
-use super::evidence::{Wider, held_out_gains, price, wider};
+use super::evidence::{Wider, level, part_gains, price, wider};
 use super::given;
 use super::gram::{BandGram, Gram, Part};
 use super::laws::{Deviations, scale_deviation};
-use super::likelihood::{Design, FREE, Spread, values, weights_of};
+use super::likelihood::{Design, FREE, Fit, Spread, values, weights_of};
+use super::model::screw_kg_m2;
 use super::rest::Rest;
 use super::rounding::QUARTERS;
 use super::signals::Layout;
 use super::spectra::FOLDS;
-use super::state::{Balance, Base, LAG_STEP, Number, State, stated_mechanics};
+use super::state::{Balance, Base, LAG_STEP, Number, State, knockoff_design, stated_mechanics};
 use super::subject::slopes;
 use crate::diagnosis::criteria::{Criteria, Z95};
 use crate::diagnosis::result::Correction;
+use crate::plant::effects::Port;
 use crate::plant::machine::AxisModel;
 use nalgebra::DVector;
 
@@ -101,14 +103,22 @@ pub(super) struct Absent {
     pub(super) evidence_nats: f64,
 }
 
+impl Absent {
+    /// Where such a number enters.
+    pub(super) fn port_of(balance: &Balance, number: Number) -> Port {
+        let one = balance.signals.sides() == 1;
+        if one || number.is_of_stage() { Port::Stage } else { Port::Motor }
+    }
+}
+
 /// Numbers that are effects of the vocabulary and that the model leaves out, of both sides.
 fn left_out(balance: &Balance) -> impl Iterator<Item = Number> {
     let stated = stated_mechanics(balance);
     balance.numbers().into_iter().filter(move |n| n.effect().is_some() && stated.of(*n) == 0.0)
 }
 
-/// The design without some numbers' columns.
-fn without(state: &State, numbers: &[Number]) -> (Design, Vec<f64>) {
+/// Places of a state's coefficients without those of some numbers.
+fn places_without(state: &State, numbers: &[Number]) -> Vec<usize> {
     let base = &state.base;
     // Parts of a dry friction that is not there are not there.
     let out = |n: &Number| {
@@ -117,10 +127,24 @@ fn without(state: &State, numbers: &[Number]) -> (Design, Vec<f64>) {
             || matches!(n, Number::StageTurning(_)) && numbers.contains(&Number::StageCoulomb)
     };
     let kept = |k: &usize| base.numbers.get(*k).is_none_or(|n| !out(n));
-    let places: Vec<usize> = (0..base.design.columns.len()).filter(kept).collect();
-    let design = base.design.kept(&places);
-    let beta = places.iter().map(|k| base.fit.beta[*k]).collect();
+    (0..base.design.columns.len()).filter(kept).collect()
+}
+
+/// The design without some numbers' columns. The masses stay as the state has them: that friction is left out
+/// is no reason for another mass, and where nothing else moves the axis one of any size is the likeliest.
+fn without(state: &State, numbers: &[Number]) -> (Design, Vec<f64>) {
+    let places = places_without(state, numbers);
+    let beta: Vec<f64> = places.iter().map(|k| state.base.fit.beta[*k]).collect();
+    let mut design = state.base.design.kept(&places);
+    design.masses.iter().for_each(|(k, _)| design.bounds[*k] = [beta[*k]; 2]);
     (design, beta)
+}
+
+/// Coefficients of [`fit_without`] in their places, nothing for the numbers that are not there.
+pub(super) fn with_none(state: &State, numbers: &[Number], beta: &[f64]) -> Vec<f64> {
+    let mut out = vec![0.0; state.base.fit.beta.len()];
+    places_without(state, numbers).iter().zip(beta).for_each(|(k, b)| out[*k] = *b);
+    out
 }
 
 /// The fit of a state without some numbers.
@@ -141,11 +165,7 @@ pub(super) fn absent(balance: &Balance, state: &State, doubt: &Doubt, level: f64
     let mut list = Vec::new();
     for number in left_out(balance) {
         let Some(k) = base.numbers.iter().position(|n| *n == number) else { continue };
-        let (design, start) = without(state, &[number]);
-        let fit = design.fit(&base.all, start.clone(), design.weights(&base.all, &start));
-        let score = fit.nats - base.fit.nats - price(1, values(&base.all));
-        let lost = held_out_gains(balance, state, (&base.gram, &design, &fit.beta));
-        let evidence_nats = lost.iter().flatten().fold(score, |worst, gain| worst.min(-gain));
+        let evidence_nats = evidence_nats(balance, state, &[number]);
         let value = if number == Number::StageCoulomb { state.coulomb_n() } else { base.fit.beta[k] };
         let deviation = doubt.numbers[k];
         if value > Z95 * deviation && evidence_nats > level {
@@ -154,6 +174,36 @@ pub(super) fn absent(balance: &Balance, state: &State, doubt: &Doubt, level: f64
     }
     list.sort_by(|a, b| b.evidence_nats.total_cmp(&a.evidence_nats));
     list
+}
+
+/// T of all columns of some numbers together, nats.
+fn evidence_nats(balance: &Balance, state: &State, numbers: &[Number]) -> f64 {
+    let base = &state.base;
+    let (design, beta) = fit_without(state, numbers);
+    let score = design.nats(&base.all, &beta) - base.fit.nats - price(numbers.len(), values(&base.all));
+    let others = balance.held_out_nats(&base.gram, &design, &beta);
+    let gains = part_gains(balance, &others, &base.held_out_nats);
+    gains.into_iter().flatten().fold(score, f64::min)
+}
+
+/// Evidence of numbers that are missed together, none of which is missed beside the others, and what chance
+/// reaches by them in the same recordings, nats: of two that stand for one another the recordings do not say
+/// which it is. `None`: none are.
+pub(super) fn undivided(balance: &Balance, state: &State, unsaid: &[Number]) -> Option<[f64; 2]> {
+    let base = &state.base;
+    let open: Vec<Number> = unsaid.iter().filter(|n| base.numbers.contains(n)).copied().collect();
+    let places = places_without(state, &open);
+    let cost = price(open.len(), values(&base.all));
+    let chance = |(k, null): (usize, &Fit)| {
+        let design = knockoff_design(&base.design, &base.fit.beta, base.knockoffs + k).kept(&places);
+        let start: Vec<f64> = places.iter().map(|p| null.beta[*p]).collect();
+        let weights = design.weights(&base.all, &start);
+        design.fit(&base.all, start, weights).nats - null.nats - cost
+    };
+    let most_nats = base.knockoff_fits.iter().enumerate().map(chance).fold(0.0, f64::max);
+    let level_nats = level(state, (1, most_nats));
+    let evidence_nats = if open.is_empty() { 0.0 } else { evidence_nats(balance, state, &open) };
+    (evidence_nats > level_nats).then_some([evidence_nats, level_nats])
 }
 
 /// Numbers that the model leaves out and nothing says: the model that is written has none of them.
@@ -181,12 +231,18 @@ pub(super) struct Beside {
     pub(super) nominal: f64,
     pub(super) value: f64,
     pub(super) deviation: f64,
-    /// What the motor's side has of it where one position tells both as one.
+    /// What the balance has with it as one: of the motor's side with one position, of a screw that is stated
+    /// beside the motor.
     other: f64,
     tolerance: f64,
 }
 
 impl Beside {
+    /// What it is where all forces are off by a factor, e^`off`.
+    pub(super) fn under(&self, off: f64) -> f64 {
+        (self.value + self.other) * (-off).exp() - self.other
+    }
+
     /// True for a number of a second mass that the model does not have.
     pub(super) fn is_of_second_mass(&self, balance: &Balance) -> bool {
         self.nominal == 0.0 && balance.drive.number(self.key).is_some_and(|guess| guess > 0.0)
@@ -207,8 +263,10 @@ pub(super) fn beside(balance: &Balance, axis: &AxisModel, state: &State, doubt: 
         let estimate =
             if *number == Number::StageCoulomb { state.coulomb_n() } else { state.base.fit.beta[k] };
         let unit = if matches!(number, Number::MotorMass | Number::MotorDamping) { r2 } else { 1.0 };
-        let nominal = as_stated.number(key).unwrap_or(0.0);
-        let other = number.of_motor().filter(|_| !two).map_or(0.0, |motor| stated.of(motor));
+        let of_motor = number.of_motor().filter(|_| !two).map_or(0.0, |motor| stated.of(motor));
+        let of_screw = if *number == Number::MotorMass { screw_kg_m2(axis) } else { 0.0 };
+        let other = of_motor + of_screw;
+        let nominal = as_stated.number(key).unwrap_or(0.0) - of_screw;
         let value = unit * estimate - other;
         let deviation = unit * doubt.numbers[k];
         Some(Beside { key, nominal, value, deviation, other, tolerance })
@@ -226,7 +284,8 @@ pub(super) fn common_scale(balance: &Balance, numbers: &[Beside]) -> f64 {
     }
     let told = numbers.iter().filter(|n| n.nominal > 0.0 && n.value > 0.0);
     let mut list: Vec<(f64, f64)> = told
-        .map(|n| ((n.value / n.nominal).ln(), 1.0 / n.tolerance.hypot(n.deviation / n.value)))
+        .map(|n| (n.value + n.other, n))
+        .map(|(all, n)| ((all / (n.nominal + n.other)).ln(), 1.0 / n.tolerance.hypot(n.deviation / all)))
         .chain([(0.0, 1.0 / c.torque_constant_tolerance)])
         .collect();
     list.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -263,7 +322,7 @@ pub(super) fn corrections(
     let off = if of_constant { common } else { 0.0 };
     let mut list = Vec::new();
     for n in all.iter().filter(|n| n.nominal > 0.0 && n.value > 0.0) {
-        let value = n.value * (-off).exp();
+        let value = n.under(off);
         let apart = ((value + n.other) / (n.nominal + n.other)).ln().abs();
         if apart > c.correction_tolerances * n.tolerance
             && apart > c.correction_deviations * n.deviation / (n.value + n.other)

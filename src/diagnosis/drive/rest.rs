@@ -3,6 +3,7 @@
 use super::evidence::level;
 use super::gram::BandGram;
 use super::likelihood::{Design, ITERATIONS, Spread};
+use super::number::Mechanics;
 use super::signals::Layout;
 use super::state::{Balance, State, residual};
 use crate::diagnosis::criteria::Criteria;
@@ -25,6 +26,9 @@ pub(super) struct Rest {
     pub(super) port: Port,
     /// From zero to where nearly all of it is, Hz.
     pub(super) band_hz: [f64; 2],
+    /// Shares of its power at the motor, at the stage and in their sum; `None`: one position shows no sides,
+    /// or nothing is above the floor.
+    pub(super) shares: Option<[f64; 3]>,
 }
 
 impl Rest {
@@ -72,17 +76,18 @@ pub(super) fn rest_of(balance: &Balance, state: &State, (design, beta): (&Design
         };
         [quiet(0.5).or_else(|| quiet(0.0)).unwrap_or(0.0), 0.0, 0.0]
     };
-    // The floor of a band: of one position both noises pass the low-pass.
-    let floor_in = |band: &BandGram| -> Spread {
+    // The floor of a band: of one position both noises pass the low-pass. A noise of the position that is not
+    // white was read off where it is largest: no floor is above what is left.
+    let floor_in = |band: &BandGram, left: &Spread| -> Spread {
         let (f, hz) = (floor_of(band.recording), middle(band.band));
         let one = || balance.signals.kept_power(hz) * (f[0] + of_position(band.recording, hz));
-        if two { f } else { [one(), 0.0, 0.0] }
+        if two { f } else { [one().min(left[0]), 0.0, 0.0] }
     };
     let scale = 1.0 / plan.measured().max(1.0);
     let (mut excess, mut floor, mut whole) = ([0.0; 3], 0.0, [0.0; 2]);
     let mut by_band = vec![0.0; plan.bands()];
     for (band, s) in all.iter().zip(&spreads) {
-        let f = floor_in(band);
+        let f = floor_in(band, s);
         let share = band.values * scale;
         whole[0] += f[0] * share;
         whole[1] += f[2] * share;
@@ -110,7 +115,17 @@ pub(super) fn rest_of(balance: &Balance, state: &State, (design, beta): (&Design
         floors_n: whole.map(f64::sqrt),
         port,
         band_hz: [0.0, plan.band_hz(last.unwrap_or(0))[1]],
+        shares: shares(excess).filter(|_| two),
     }
+}
+
+/// Shares of motor, stage and their sum in what is above the floor. A force between the two has no sum; of
+/// two that act alike the sum has all, and more than all is none.
+fn shares([motor, both, stage]: Spread) -> Option<[f64; 3]> {
+    let own = [motor, stage].map(|x| x.max(0.0));
+    let whole = own[0] + own[1];
+    let sum = (whole + 2.0 * both).clamp(0.0, whole);
+    (whole > 0.0).then(|| [own[0], own[1], sum].map(|x| x / whole))
 }
 
 /// Largest eigenvalue of a symmetric 2x2.
@@ -160,19 +175,28 @@ fn port_of(balance: &Balance, state: &State, (design, beta): (&Design, &[f64]), 
     if alike { Port::StageEncoder } else { ports[best] }
 }
 
-/// Force at motor and stage of a unit at a port, at w rad/s; an error of an encoder in units of 1 / K.
+/// Force at motor and stage of a unit at a port, at w rad/s; of an encoder a metre, elsewhere a newton.
 fn direction(port: Port, state: &State, w: f64) -> [Complex<f64>; 2] {
-    let m = &state.now.mechanics;
-    let k = m.stiffness_n_m.max(f64::MIN_POSITIVE);
-    let spring = Complex::new(1.0, w * m.structural_damping_n_s_m / k);
-    let own = |mass: f64, damping: f64| Complex::new(-mass * w * w / k, w * damping / k) + spring;
     let one = Complex::new(1.0, 0.0);
     match port {
         Port::Motor => [one, 0.0 * one],
         Port::Coupling => [one, -one],
-        Port::MotorEncoder => [-own(m.motor_mass_kg, m.motor_damping_n_s_m), spring],
-        Port::StageEncoder => [spring, -own(m.stage_mass_kg, m.stage_damping_n_s_m)],
+        Port::MotorEncoder | Port::StageEncoder => pull_n_m(port, &state.now.mechanics, w),
         _ => [0.0 * one, one],
+    }
+}
+
+/// What the balance needs less at motor and stage where an encoder reads a metre too much, N/m; one position
+/// has one mass, and the first alone counts.
+pub(super) fn pull_n_m(port: Port, m: &Mechanics, w: f64) -> [Complex<f64>; 2] {
+    let spring = Complex::new(m.stiffness_n_m, w * m.structural_damping_n_s_m);
+    let own = |mass: f64, damping: f64| Complex::new(-mass * w * w, w * damping) + spring;
+    if m.stiffness_n_m == 0.0 {
+        return [-own(m.stage_mass_kg, m.stage_damping_n_s_m), Complex::new(0.0, 0.0)];
+    }
+    match port {
+        Port::MotorEncoder => [-own(m.motor_mass_kg, m.motor_damping_n_s_m), spring],
+        _ => [spring, -own(m.stage_mass_kg, m.stage_damping_n_s_m)],
     }
 }
 

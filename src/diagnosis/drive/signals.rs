@@ -245,7 +245,7 @@ impl Signals {
         let needed = 2 * thin_first + 3 * SHORTEST_BLOCK / 2 * self.step;
         if samples < needed {
             let (recording, below_hz) = (recording.experiment.clone(), self.top_hz());
-            return Err(DiagnoseError::TooShort { recording, samples, needed, below_hz });
+            return Err(DiagnoseError::TooShort { recording, samples, needed, below_hz, rests: false });
         }
         let full = Grid { first: full_first, step: 1, count: samples - 2 * full_first };
         let inside = samples - 2 * thin_first;
@@ -349,6 +349,11 @@ impl Signals {
     /// Number of balances.
     pub(super) fn sides(&self) -> usize {
         if self.layout == Layout::TwoPositions { 2 } else { 1 }
+    }
+
+    /// Names of the balances.
+    pub(super) fn sides_named(&self) -> &'static [&'static str] {
+        if self.sides() == 2 { &["motor", "stage"] } else { &["axis"] }
     }
 
     /// The side of the stage, of the axis where there is one position.

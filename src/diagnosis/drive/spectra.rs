@@ -75,6 +75,7 @@ pub(super) struct Plan {
     forward: Arc<dyn RealToComplex<f64>>,
     inverse: Arc<dyn ComplexToReal<f64>>,
     total: usize,
+    measured: f64,
 }
 
 impl Plan {
@@ -119,7 +120,9 @@ impl Plan {
             forward: planner.plan_fft_forward(block),
             inverse: planner.plan_fft_inverse(block),
             total: start,
+            measured: 0.0,
         }
+        .looking_at(|_, _| true)
     }
 
     /// Number of bands.
@@ -149,8 +152,23 @@ impl Plan {
     }
 
     /// Thinned samples that the blocks stand for.
-    pub(super) fn measured(&self) -> f64 {
+    pub(super) fn in_blocks(&self) -> f64 {
         0.5 * (self.block * self.begins.iter().map(Vec::len).sum::<usize>()) as f64
+    }
+
+    /// The same, those left out that tell nothing.
+    pub(super) fn measured(&self) -> f64 {
+        self.measured
+    }
+
+    /// The same without samples that tell nothing, per recording.
+    pub(super) fn looking_at(mut self, tells: impl Fn(usize, usize) -> bool) -> Self {
+        let told = |r: usize, begin: usize| -> f64 {
+            self.window.iter().enumerate().filter(|(k, _)| tells(r, begin + k)).map(|(_, w)| w * w).sum()
+        };
+        let of = |(r, begins): (usize, &Vec<usize>)| begins.iter().map(|b| told(r, *b)).sum::<f64>();
+        self.measured = self.begins.iter().enumerate().map(of).sum();
+        self
     }
 
     /// Number of recordings.

@@ -22,24 +22,33 @@ pub(super) struct State {
 }
 
 impl State {
-    /// The state of a model: its numbers, its laws, nothing found.
-    pub(super) fn new(balance: &Balance, given: Vec<Accepted>) -> Self {
-        let two = balance.signals.layout == Layout::TwoPositions;
-        let first = Self::of(balance, given.clone(), two);
-        if !two && first.tells_inertia() { Self::of(balance, given, true) } else { first }
+    /// The state of a model: its numbers, its laws, nothing found. Numbers and balance have followed one
+    /// another `passes` times.
+    pub(super) fn new(balance: &Balance, given: &[Accepted], passes: usize) -> Self {
+        let of = |inertial: bool| {
+            let first = Self::of(balance, given.to_vec(), inertial);
+            (0..passes).fold(first, |state, _| state.begun(balance))
+        };
+        if balance.signals.layout == Layout::TwoPositions {
+            return of(true);
+        }
+        let first = Self::of(balance, given.to_vec(), false);
+        let inertial = first.tells_inertia().then(|| of(true)).filter(Self::tells_inertia);
+        inertial.unwrap_or_else(|| of(false))
     }
 
-    /// True where the force of inertia stands above what is left.
+    /// True where the force of inertia stands above what is left, and that is no more than the thrust.
     fn tells_inertia(&self) -> bool {
         let base = &self.base;
         let Some(k) = base.numbers.iter().position(|n| *n == N::StageMass) else { return false };
-        let (mut inertia, mut left) = (0.0, 0.0);
+        let (mut inertia, mut left, mut thrust) = (0.0, 0.0, 0.0);
         for band in &base.all {
             let n = base.gram.len();
             inertia += base.fit.beta[k].powi(2) * band.products[0][(k + 1) * n + k + 1];
             left += base.design.spread(band, &base.fit.beta)[0] * band.values;
+            thrust += band.products[0][0];
         }
-        base.fit.beta[k] > 0.0 && inertia > left
+        base.fit.beta[k] > 0.0 && inertia > left && thrust > left
     }
 
     fn of(balance: &Balance, given: Vec<Accepted>, inertial: bool) -> Self {

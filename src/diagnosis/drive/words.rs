@@ -3,8 +3,9 @@
 use super::laws::{Hypothesis, Sheet, Told, scale_deviation};
 use crate::diagnosis::result::Estimate;
 use crate::plant::effects::{
-    EffectKind, ParameterValue, PhysicsTerm, Port, Specification, Spoken, external_disturbance,
+    EffectKind, ParameterValue, PhysicsTerm, Port, Specification, external_disturbance,
 };
+use crate::units::engineering;
 
 /// Numbers of a law for people, and the law as a term of a model.
 pub(super) fn told(h: &Hypothesis, told: &Told<'_>) -> (Vec<Estimate>, PhysicsTerm) {
@@ -29,12 +30,8 @@ pub(super) fn specification(effect: EffectKind) -> &'static Specification {
 /// One sentence for a person.
 pub(super) fn statement(effect: EffectKind, port: Port, parameters: &[Estimate]) -> String {
     let of = |e: &Estimate| {
-        let name = match specification(effect).parameter(&e.name).map(|p| p.spoken) {
-            Some(Spoken::Not) => return None,
-            Some(Spoken::As(word)) => word.to_owned(),
-            Some(Spoken::Name) | None => quantity(&e.name, e.unit),
-        };
-        Some(format!("{name} {}", engineering(e.value, e.unit)))
+        let name = specification(effect).parameter(&e.name)?.in_words()?;
+        Some(format!("{name} {}", engineering(e.value, e.unit, 4)))
     };
     let numbers: Vec<String> = parameters.iter().filter_map(of).collect();
     format!(
@@ -43,32 +40,4 @@ pub(super) fn statement(effect: EffectKind, port: Port, parameters: &[Estimate])
         port.name().replace('_', " "),
         numbers.join(", ")
     )
-}
-
-/// A parameter's name without its unit, in words.
-fn quantity(name: &str, unit: &str) -> String {
-    let tail = unit.to_lowercase().replace('/', " ");
-    let words = name.replace('_', " ");
-    words.strip_suffix(&tail).unwrap_or(&words).trim_end().to_owned()
-}
-
-/// A value in the unit of the shop floor: 1.0 um, 165 us, 5.64 N.
-pub(in crate::diagnosis) fn engineering(value: f64, unit: &str) -> String {
-    let size = value.abs();
-    let (factor, prefix) = match unit {
-        "m" | "s" | "m/s" if size > 0.0 && size < 1e-6 => (1e9, "n"),
-        "m" | "s" | "m/s" if size > 0.0 && size < 1e-3 => (1e6, "u"),
-        "m" | "s" | "m/s" if size > 0.0 && size < 0.5 => (1e3, "m"),
-        "N/m" if size > 1e6 => (1e-6, "M"),
-        _ => (1.0, ""),
-    };
-    let x = value * factor;
-    let text = if x.abs() >= 1e5 || (x != 0.0 && x.abs() < 1e-3) {
-        format!("{x:.3e}")
-    } else if x.abs() >= 100.0 {
-        format!("{x:.0}")
-    } else {
-        format!("{x:.3}")
-    };
-    if unit == "1" { text } else { format!("{text} {prefix}{unit}") }
 }

@@ -1,10 +1,10 @@
 //! Force proportional to speed squared.
 
 use super::stribeck_friction::SPEEDS;
-use super::{EffectKind, ForceLaw, Parameter, Specification, Spoken};
+use super::{EffectKind, ForceLaw, Parameter, Specification};
 
 /// Size.
-pub const COEFFICIENT: Parameter = Parameter::size("n_s2_m2", "N s2/m2").spoken(Spoken::As("coefficient"));
+pub const COEFFICIENT: Parameter = Parameter::size("n_s2_m2", "N s2/m2");
 
 /// The effect.
 pub const SPECIFICATION: Specification = Specification {

@@ -2,6 +2,7 @@
 
 use super::{EffectKind, ForceLaw, PhysicsTerm, Port};
 use crate::plant::drive::RawDriveParams;
+use crate::units::without_unit;
 
 /// What a parameter is to its effect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -71,6 +72,18 @@ impl Parameter {
     /// The same, told by another word or not at all.
     pub(super) const fn spoken(self, spoken: Spoken) -> Self {
         Self { spoken, ..self }
+    }
+}
+
+impl Parameter {
+    /// How a sentence calls it; `None`: it says nothing of it.
+    #[must_use]
+    pub fn in_words(&self) -> Option<String> {
+        match self.spoken {
+            Spoken::Not => None,
+            Spoken::As(word) => Some(word.to_owned()),
+            Spoken::Name => Some(without_unit(self.name).replace('_', " ")),
+        }
     }
 }
 

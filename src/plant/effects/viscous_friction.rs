@@ -1,11 +1,11 @@
 //! Force proportional to speed.
 
 use super::stribeck_friction::SPEEDS;
-use super::{EffectKind, ForceLaw, Parameter, Port, Specification, Spoken};
+use super::{EffectKind, ForceLaw, Parameter, Port, Specification};
 use std::f64::consts::TAU;
 
 /// Size.
-pub const COEFFICIENT: Parameter = Parameter::size("n_s_m", "N s/m").spoken(Spoken::As("coefficient"));
+pub const COEFFICIENT: Parameter = Parameter::size("n_s_m", "N s/m");
 
 /// The effect.
 pub const SPECIFICATION: Specification = Specification {
