@@ -20,10 +20,6 @@ impl Window<'_> {
         let quarter_hz = 0.25 * rate_hz / self.e.len() as f64;
         let regenerated = self.context.regenerated_nats(self.line.offset_hz, quarter_hz);
         let grown = self.growth_nats() + loudness_nats(found.power_n2, stable_n2) + regenerated;
-        if self.context.is_young() && regenerated < -CRITERIA.unseen_nats {
-            let share = regenerated / levels.switched_nats;
-            found.least(CRITERIA.hold * (1.0 + share), Reason::Interference);
-        }
         if grown > -self.context.beginning_nats()
             && !self.context.is_young()
             && self.seen >= self.e.len() + WINDOWS[0]

@@ -215,7 +215,7 @@ impl ChatterMonitor {
     /// Tells the pitch of two opposed tools that cut one wave each of the other, theta_2 - theta_1, rad;
     /// `None` where it is not known.
     pub fn follow_pitch(&self, state: &mut ChatterState, pitch_rad: Option<f64>) {
-        state.pitch_rad = pitch_rad;
+        state.pitch_rad = pitch_rad.filter(|rad| rad.is_finite());
     }
 
     /// Band in which a line counts now, Hz.

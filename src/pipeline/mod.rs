@@ -14,11 +14,13 @@
 //! spindle speed, a new speed makes it start anew.
 
 mod cutting;
+mod deaf;
 mod keyframe;
 mod margin;
 mod settings;
 
 pub use crate::force::plan::{ForcePlan, ServoPlan};
+pub use deaf::Deaf;
 pub use keyframe::KeyframeError;
 pub use margin::{CutConditions, CutPrior, DeafReason, Margin, MarginPlan, MarginReading, MarginWarning};
 pub use settings::{AxisPlan, BandPlan, PipelineError, PipelineSettings, ToolAxis, lines_of};
@@ -54,29 +56,6 @@ pub enum StreamFault {
     Repeated,
     /// A signal is not a finite number: the sample was left out.
     NotFinite(SampleError),
-}
-
-/// Why chatter cannot be heard.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Deaf {
-    /// The tools are where the bar's band is another than was planned for.
-    BandOutOfReach,
-    /// On no watched axis the force is estimated rightly in any of the band.
-    ForceAboveBand,
-}
-
-impl Deaf {
-    /// All of them.
-    pub const ALL: [Self; 2] = [Self::BandOutOfReach, Self::ForceAboveBand];
-
-    /// Its name.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::BandOutOfReach => "band_out_of_reach",
-            Self::ForceAboveBand => "force_above_band",
-        }
-    }
 }
 
 /// What one sample led to.
@@ -561,22 +540,6 @@ impl Pipeline {
         let deaf = self.observer(axis).is_some_and(|observer| !observer.reaches(self.band_hz()));
         let flags = self.states.get(axis).map_or(Validity::SIGNAL_MISSING, |state| state.flags);
         flags | Validity::when(deaf, Validity::FORCE_ABOVE_BAND)
-    }
-
-    /// Why chatter of the bar cannot be heard; nothing while on one watched axis at least the estimate is
-    /// right in a part of the band.
-    #[must_use]
-    pub fn deaf(&self) -> Option<Deaf> {
-        let mut watched = (0..self.channels.len()).filter(|axis| self.channels[*axis].watch);
-        match self.out_of_reach {
-            true => Some(Deaf::BandOutOfReach),
-            false => watched.all(|axis| self.is_deaf(axis)).then_some(Deaf::ForceAboveBand),
-        }
-    }
-
-    /// Whether the force of an axis is estimated rightly in no part of the band.
-    fn is_deaf(&self, axis: usize) -> bool {
-        self.force_flags(axis).contains(Validity::FORCE_ABOVE_BAND)
     }
 
     /// Whether no flag of the newest force estimate of one axis forbids acting on it, and the band in which
