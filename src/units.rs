@@ -2,6 +2,9 @@
 
 use thiserror::Error;
 
+/// Half of the 95 % interval of a normal distribution over its standard deviation.
+pub const Z95: f64 = 1.96;
+
 /// Why a number is not the quantity it was meant to be.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 pub enum UnitError {

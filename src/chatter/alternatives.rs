@@ -58,7 +58,7 @@ impl Window<'_> {
             self.judge_beginning(&mut found);
         }
         if kept && found.over_noise > 1.0 {
-            found.evidence = found.evidence.max(CRITERIA.hold * 1.01);
+            found.evidence = found.evidence.max(CRITERIA.hold);
         }
         found
     }

@@ -31,8 +31,6 @@ pub(super) struct Criteria {
     pub(super) orders_s: f64,
     /// Most that the power of a value counts over what is known.
     pub(super) most: f64,
-    /// Values of noise before anything is evidence, s: ten for each coefficient.
-    pub(super) first_s: f64,
     /// Share of the threshold above which a window usually hears a line.
     pub(super) usual: f64,
     /// Silence before the end, and memory of what is usual in an alarm, s.
@@ -101,7 +99,6 @@ pub(super) const CRITERIA: Criteria = Criteria {
     guard_s: 0.25,
     orders_s: 1.0,
     most: 3.0,
-    first_s: 0.2,
     usual: 0.8,
     end_s: 0.1,
     usual_s: 0.5,
@@ -179,3 +176,5 @@ pub(super) const LOOKS: usize = 12;
 pub(super) const RISES: [usize; 3] = [1, 3, 6];
 /// Order of the whitening model: 16 and 24 have too little to learn from at entries.
 pub(super) const MEMORY: usize = 10;
+/// Values of noise before anything is evidence: ten for each coefficient.
+pub(super) const FIRST: usize = 10 * MEMORY;

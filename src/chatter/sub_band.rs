@@ -1,6 +1,6 @@
 //! One band of the force: mixed down, orders off, whitened, tested in four windows.
 
-use super::criteria::{CRITERIA, LOOKS, Levels, WINDOWS};
+use super::criteria::{CRITERIA, FIRST, LOOKS, Levels, WINDOWS};
 use super::cut_level::MeanForce;
 use super::history::{History, Value};
 use super::interference::Interference;
@@ -244,7 +244,7 @@ impl SubBand {
 
     /// The model that whitens: of this cut, or of the air while the cut's is not known.
     fn renew(&self, state: &mut SubBandState) {
-        let least = CRITERIA.first_s * self.rate_hz();
+        let least = FIRST as f64;
         let here = &state.noise[state.here()];
         let air = &state.noise[0];
         let whitener = if self.learning(state) && air.known() > least && state.in_cut {
@@ -344,7 +344,7 @@ impl SubBand {
         state.other_level = if other { state.other_level + n / LOOKS } else { 0 };
         if state.other_level >= n && !context.alarm && !context.is_young() {
             self.remember(state);
-            state.noise[state.here()].shrink(CRITERIA.first_s * self.rate_hz());
+            state.noise[state.here()].shrink(FIRST as f64);
             state.other_level = 0;
             self.renew(state);
         }

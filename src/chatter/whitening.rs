@@ -4,7 +4,7 @@
 //! cut's, becomes white; a hit becomes one short pulse. Levinson's recursion on the autocovariances of a
 //! guard time ago.
 
-use super::criteria::{CRITERIA, MEMORY};
+use super::criteria::{CRITERIA, FIRST, MEMORY};
 use crate::keyframe::keep;
 use nalgebra::Complex;
 
@@ -47,7 +47,7 @@ impl Noise {
     /// made.
     pub(super) fn learn(&mut self, r: &[C; MEMORY + 1], trust: f64) -> bool {
         let mean = r.iter().map(|x| x.norm_sqr()).sum::<f64>() / (MEMORY + 1) as f64;
-        let weight = if self.known > CRITERIA.first_s * CRITERIA.rate_hz && mean > 0.0 {
+        let weight = if self.known > FIRST as f64 && mean > 0.0 {
             (CRITERIA.most * self.covariance[0].re / mean).min(1.0)
         } else {
             1.0

@@ -14,6 +14,7 @@ use crate::plant::machine::AxisModel;
 use crate::recording::{read_recording, write_whole};
 use crate::report::force_plots::response_svg;
 use crate::sample::Recording;
+use crate::units::Z95;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -193,8 +194,8 @@ fn describe(axis: &str, fit: &SweepFit) -> String {
             [low, high] if low.is_finite() => format!(
                 "{:28} +-{:9.2e} +-{:9.2e}",
                 format!("{low:.5e} .. {high:.5e}"),
-                1.96 * p.noise,
-                1.96 * p.stated
+                Z95 * p.noise,
+                Z95 * p.stated
             ),
             _ if p.noise.is_infinite() => "not determined".to_owned(),
             _ => "from means".to_owned(),
@@ -205,9 +206,9 @@ fn describe(axis: &str, fit: &SweepFit) -> String {
         text.push_str(&format!(
             "torsional mode {:.2} +- {:.2} Hz, share of the inertia behind it {:.4} +- {:.4} (noise, 95 %)\n",
             mode.frequency_hz,
-            1.96 * mode.frequency_deviation_hz,
+            Z95 * mode.frequency_deviation_hz,
             mode.screw_share,
-            1.96 * mode.share_deviation
+            Z95 * mode.share_deviation
         ));
     }
     for warning in &fit.warnings {

@@ -1,5 +1,7 @@
 //! Every threshold of the diagnosis of a drive, with where it comes from.
 
+pub(super) use crate::units::Z95;
+
 macro_rules! criteria {
     ($($(#[$source:meta])* $name:ident: $kind:ty = $value:expr),* $(,)?) => {
         /// Thresholds, in nats, shares, floors or deviations: one set for every machine, effect, recording.
@@ -114,6 +116,3 @@ criteria! {
     /// Share of the thrust's power below which inertia or friction have no say of their own.
     silent: f64 = 0.01,
 }
-
-/// Normal 95 %.
-pub(super) const Z95: f64 = 1.96;

@@ -4,6 +4,7 @@ use super::fitted_drive::{FittedMode, FittedParameter};
 use super::sweep_fit::{Fit, Unknown};
 use crate::plant::drive::{DriveParams, RawDriveParams, Structure};
 use crate::plant::effects::torsional_mode::stiffness_of;
+use crate::units::Z95;
 use std::f64::consts::TAU;
 
 /// Damping ratio that a torsional mode starts from.
@@ -88,7 +89,7 @@ impl Fit<'_> {
         let Row { name, field, value, stated } = row;
         let best = value(&self.parameters);
         let noise = if self.explained { self.deviation_of(value) } else { f64::INFINITY };
-        let reach = 1.96 * noise.hypot(stated);
+        let reach = Z95 * noise.hypot(stated);
         // A damping or delay within its error of zero may come out below it: zero is what it is then.
         let least = ["damping", "delay", "dead_time"].iter().any(|part| name.contains(part));
         let kept = if least { best.max(0.0) } else { best };

@@ -3,13 +3,11 @@
 use super::cut_proof::{Off, free_off_db};
 use super::naming::{spoken, without_unit};
 use super::page::{engineering, significant};
+use super::words::SAID;
 use crate::diagnosis::cut::result::{CutDiagnosis, CutFinding, TableFit};
 use crate::diagnosis::{Correction, Verdict};
 use crate::plant::effects::{EffectKind as E, Port};
 use std::fmt::Write as _;
-
-/// Findings and numbers that the first sentence names.
-const SAID: usize = 2;
 
 /// What is wrong with the model of the cut, in one sentence.
 pub(super) fn headline(d: &CutDiagnosis) -> String {

@@ -3,6 +3,7 @@
 use super::page::page;
 use super::plot::{Axis, Figure, Mark, escape};
 use crate::diagnosis::Verdict;
+use crate::units::Z95;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
@@ -125,11 +126,10 @@ pub fn wilson(hits: usize, of: usize) -> [f64; 2] {
     if of == 0 {
         return [0.0, 1.0];
     }
-    const Z: f64 = 1.959_964;
     let (n, p) = (of as f64, hits as f64 / of as f64);
-    let centre = p + Z * Z / (2.0 * n);
-    let half = Z * (p * (1.0 - p) / n + Z * Z / (4.0 * n * n)).sqrt();
-    let scale = 1.0 + Z * Z / n;
+    let centre = p + Z95 * Z95 / (2.0 * n);
+    let half = Z95 * (p * (1.0 - p) / n + Z95 * Z95 / (4.0 * n * n)).sqrt();
+    let scale = 1.0 + Z95 * Z95 / n;
     [((centre - half) / scale).max(0.0), ((centre + half) / scale).min(1.0)]
 }
 

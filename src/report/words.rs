@@ -12,7 +12,7 @@ use crate::signal::inner_products::rms;
 use std::f64::consts::TAU;
 
 /// Findings and numbers that the first sentence names.
-const SAID: usize = 2;
+pub(super) const SAID: usize = 2;
 
 /// The first sentence of the page.
 pub(super) fn headline(d: &Diagnosis) -> String {

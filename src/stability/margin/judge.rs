@@ -2,6 +2,7 @@
 
 use super::criteria::{Criteria, RECOVERED_1_S};
 use crate::keyframe::{Keep, Words, keep, keep_list};
+use crate::units::Z95;
 
 /// A margin with its interval.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -20,7 +21,7 @@ impl Margin {
     /// Standard error of the margin, 1/s: of a normal distribution with that interval.
     #[must_use]
     pub fn standard_error_1_s(&self) -> f64 {
-        (self.hi_1_s - self.lo_1_s) / (2.0 * 1.96)
+        (self.hi_1_s - self.lo_1_s) / (2.0 * Z95)
     }
 }
 
