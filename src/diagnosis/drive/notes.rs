@@ -169,9 +169,15 @@ impl Case<'_> {
         let undivided = candidates.iter().filter(|c| c.reason == UNDIVIDED);
         let undivided: Vec<String> = undivided.map(|c| format!("{} at {}", c.effect, c.port)).collect();
         let of = |x: f64| engineering(x, "N", 4);
-        if !undivided.is_empty() {
-            let names = undivided.join(" or ");
-            notes.push(format!("Friction is left out, and this motion does not say which: {names}."));
+        match &undivided[..] {
+            [] => {}
+            [one] => {
+                notes.push(format!("The model leaves out {one}: this motion misses it, and no size fits."))
+            }
+            several => {
+                let names = several.join(" or ");
+                notes.push(format!("Friction is left out, and this motion does not say which: {names}."));
+            }
         }
         if left_n > thrust_n {
             notes.push(
