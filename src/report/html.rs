@@ -70,7 +70,12 @@ fn header(out: &mut String, d: &Diagnosis, context: &ReportContext) {
         let _ = write!(out, "<p>{}.</p>", escape(why));
     }
     for finding in &d.findings {
-        let _ = write!(out, "<p>{}</p>", escape(&finding.statement));
+        let sure = likely(finding.probability);
+        let _ = write!(
+            out,
+            "<p>{} <span class=\"soft\">Probability {sure}.</span></p>",
+            escape(&finding.statement)
+        );
     }
     for note in &d.notes {
         let _ = write!(out, "<p class=\"next\">{}</p>", escape(note));

@@ -134,6 +134,7 @@ impl Case<'_> {
         let (force_faults, more) = notes::budget(&self, faults, found.is_empty());
         notes.extend(more);
         let asserted = if unexplained { Vec::new() } else { found };
+        let first = asserted.first().map(|f| f.named);
         let findings = self.findings(asserted, (&state, &unsaid), &left);
         let said = (&findings[..], &corrections[..]);
         let model = self.model(verdict, (of, &settled), said, (&left, is_left));
@@ -146,7 +147,7 @@ impl Case<'_> {
         ];
         let limits = self.detection_limits(&state, level, &findings);
         let closed_loop = closed_loop(&balance.signals, &axes, self.recordings, &state);
-        let location = self.location(verdict, &findings, &left, &state);
+        let location = self.location(verdict, (findings.first(), first), &left, &state);
         Diagnosis {
             axis: self.stated.name.clone(),
             verdict,
@@ -402,18 +403,28 @@ impl Case<'_> {
     pub(super) fn location(
         &self,
         verdict: Verdict,
-        findings: &[Finding],
+        (first, named): (Option<&Finding>, Option<Named>),
         left: &Rest,
         state: &State,
     ) -> Option<Location> {
         if matches!(verdict, Verdict::ModelAdequate | Verdict::ParameterError) {
             return None;
         }
-        let before = rest(self.balance, self.start);
-        let first = findings.first();
-        let (shown, of) = if first.is_some() { (&before, self.start) } else { (left, state) };
+        // Where the answer is wrong without the finding alone.
+        let (shown, of) = match named {
+            None => (left.clone(), state.clone()),
+            Some(Named::Steps(_)) => (rest(self.balance, self.start), self.start.clone()),
+            Some(Named::Number(number)) => {
+                let (design, beta) = fit_without(state, &[number]);
+                (rest_of(self.balance, state, (&design, &beta)), state.clone())
+            }
+            Some(named) => {
+                let others = without(self.balance, state, named);
+                (rest(self.balance, &others), others)
+            }
+        };
         let time = (0..self.recordings.len())
-            .map(|r| TimeSpans { recording: r, spans_s: spans_s(self.balance, of, r, shown.band_hz) })
+            .map(|r| TimeSpans { recording: r, spans_s: spans_s(self.balance, &of, r, shown.band_hz) })
             .collect();
         let port = first.map_or(left.port, |f| f.port);
         Some(Location {

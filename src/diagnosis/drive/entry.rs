@@ -79,13 +79,14 @@ impl Case<'_> {
         }
         let mut in_air = in_air().unwrap_or_else(|| self.nothing_else(&state));
         let found = self.found(&state, &doubt, &[], level(&state, (1, 0.0)));
+        let named = found.first().map(|f| f.named);
         let mut findings = self.findings(found, (&state, &[]), &left);
         in_air.notes.extend(self.notes.iter().cloned());
         if in_air.verdict == Verdict::UnexplainedMismatch {
             return Some(in_air);
         }
-        if !findings.is_empty() {
-            in_air.location = self.location(Verdict::MissingPhysics, &findings, &left, &state);
+        if let Some(first) = findings.first() {
+            in_air.location = self.location(Verdict::MissingPhysics, (Some(first), named), &left, &state);
             in_air.verdict = Verdict::MissingPhysics;
         }
         findings.append(&mut in_air.findings);
