@@ -284,9 +284,9 @@ impl SubBand {
         };
         let tools = match (now.mean, Self::cuts(state, now), state.left) {
             (MeanForce::Absent, ..) if noise == Knowledge::Nothing => return None,
-            (MeanForce::Absent, ..) => Tools::Untold,
             (_, true, _) => Tools::Cutting,
             (_, false, true) => Tools::Left,
+            (MeanForce::Absent, false, false) => Tools::Untold,
             (_, false, false) => Tools::Unseen,
         };
         Some(Context {
