@@ -187,7 +187,22 @@ macro_rules! keep {
 pub(crate) use keep;
 
 /// `keep_list!(Mode { Observe, Advise, Act })`: a plain enumeration as one number; another number is refused.
+/// With names, `{ Observe => "observe", ... }`, it has the list of them and each its name, too.
 macro_rules! keep_list {
+    ($name:ident { $($variant:ident => $text:literal),* $(,)? }) => {
+        $crate::keyframe::keep_list!($name { $($variant),* });
+
+        impl $name {
+            /// All of them.
+            pub const ALL: [Self; [$($text),*].len()] = [$(Self::$variant),*];
+
+            /// Its name.
+            #[must_use]
+            pub fn name(self) -> &'static str {
+                match self { $(Self::$variant => $text),* }
+            }
+        }
+    };
     ($name:ident { $($variant:ident),* $(,)? }) => {
         impl $crate::keyframe::Keep for $name {
             fn keep(&self, to: &mut Vec<u64>) {

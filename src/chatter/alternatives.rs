@@ -75,8 +75,8 @@ impl Window<'_> {
 
     /// Whether noise through a mode is an alternative: where it is known, the longest window alone tells.
     fn asks_mode(&self) -> bool {
-        let Context { tools, .. } = *self.context;
-        self.context.is_young() || tools == Tools::Untold || self.which + 1 == WINDOWS.len()
+        let unheard = self.context.is_young() || self.context.tools == Tools::Untold;
+        unheard || self.which + 1 == WINDOWS.len()
     }
 
     /// Against orders that changed: as templates of the window, and as learned; of a cut whose noise is not
@@ -112,7 +112,10 @@ impl Window<'_> {
         let Some(beside) = beside else { return (f64::INFINITY, false) };
         let loud = if self.context.is_young() { loudness_nats(self.line.power_n2, stable_n2) } else { 0.0 };
         let coherent = (1.0 + self.mode_decay()) * beside.coherence();
-        let either = || self.over_mode_nats(&self.near(0)).max(coherent);
+        let either = || {
+            let without_orders = (self.beside() > 0).then(|| self.near(0));
+            self.over_mode_nats(without_orders.as_ref().unwrap_or(beside)).max(coherent)
+        };
         let (over_mode, nats) = match (tools, noise) {
             (Tools::Untold, _) => (coherent, levels.entry_unknown_nats),
             (_, Knowledge::Known) => (self.over_mode_nats(beside), levels.mode_nats),

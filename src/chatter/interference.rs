@@ -87,16 +87,17 @@ impl Interference {
         self.lines.iter_mut().filter(grew).for_each(|line| line.left_s = 0.0);
     }
 
-    fn near(&mut self, offset_hz: f64) -> Option<&mut Heard> {
+    /// Place of the line that is followed there.
+    fn near(&self, offset_hz: f64) -> Option<usize> {
         let apart = |line: &Heard| (line.offset_hz - offset_hz).abs();
-        let near = self.lines.iter_mut().filter(|l| l.left_s > 0.0 && apart(l) < SAME_LINE_HZ);
-        near.min_by(|a, b| apart(a).total_cmp(&apart(b)))
+        let near = self.lines.iter().enumerate().filter(|(_, l)| l.left_s > 0.0 && apart(l) < SAME_LINE_HZ);
+        near.min_by(|(_, a), (_, b)| apart(a).total_cmp(&apart(b))).map(|(place, _)| place)
     }
 
     /// The line that was detected, followed anew where none is followed there; nothing where it is not heard.
     fn followed(&mut self, detection: &Detection) -> Option<&mut Heard> {
-        if self.near(detection.offset_hz).is_some() {
-            return self.near(detection.offset_hz);
+        if let Some(place) = self.near(detection.offset_hz) {
+            return self.lines.get_mut(place);
         }
         if detection.over_noise <= 1.0 || detection.grown_nats.is_none() {
             return None;

@@ -107,7 +107,12 @@ pub enum Phase {
     Chatter,
 }
 
-crate::keyframe::keep_list!(Phase { Learning, Quiet, Suspected, Chatter });
+crate::keyframe::keep_list!(Phase {
+    Learning => "learning",
+    Quiet => "quiet",
+    Suspected => "suspected",
+    Chatter => "chatter",
+});
 
 /// What began or ended.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -160,19 +165,11 @@ pub enum Reason {
     AbovePush,
 }
 
-crate::keyframe::keep_list!(Reason { Noise, RingDown, Order, Mode, Interference, AbovePush });
-
-impl Reason {
-    /// Its name.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Noise => "noise",
-            Self::RingDown => "ring_down",
-            Self::Order => "order",
-            Self::Mode => "mode",
-            Self::Interference => "interference",
-            Self::AbovePush => "above_push",
-        }
-    }
-}
+crate::keyframe::keep_list!(Reason {
+    Noise => "noise",
+    RingDown => "ring_down",
+    Order => "order",
+    Mode => "mode",
+    Interference => "interference",
+    AbovePush => "above_push",
+});

@@ -225,7 +225,7 @@ fn replay(
                 chatter: chatter.phase == crate::chatter::Phase::Chatter,
                 margin: pipeline.margin().copied(),
                 margin_state: pipeline.margin_word(),
-                reason: pipeline.axis_output(chatter.leading_axis).map_or("", |o| o.reason.name()),
+                reason: pipeline.reason().name(),
             });
         }
     }

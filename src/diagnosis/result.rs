@@ -122,7 +122,38 @@ pub struct Candidate {
     /// See there.
     pub level_nats: f64,
     /// Why it is not asserted.
-    pub reason: &'static str,
+    pub reason: CandidateReason,
+}
+
+/// Why what takes a part of the mismatch is not asserted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CandidateReason {
+    /// What is left beside it stands above the noise.
+    StandsBeside,
+    /// Of several that stand for one another the motion does not say which.
+    Undivided,
+    /// Beside what else was found it is not determined.
+    Undetermined,
+    /// It ends at a bound, or every axis has it.
+    AtBound,
+    /// Chance reaches as much.
+    BelowLevel,
+}
+
+impl CandidateReason {
+    /// For a reader.
+    #[must_use]
+    pub fn sentence(self) -> &'static str {
+        match self {
+            Self::StandsBeside => "what is left beside it stands above the noise, and it is no cause of that",
+            Self::Undivided => {
+                "with the others of this reason it is missed, and the motion does not say which of them"
+            }
+            Self::Undetermined => "beside what else was found the recordings do not determine it",
+            Self::AtBound => "a constant of it ends at its bound, or it is what every axis has",
+            Self::BelowLevel => "its evidence is below what chance and the balance's own errors reach",
+        }
+    }
 }
 
 /// Root mean squares of the force balance on parts that nothing was fitted to, in N.

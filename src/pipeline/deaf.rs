@@ -12,19 +12,10 @@ pub enum Deaf {
     ForceAboveBand,
 }
 
-impl Deaf {
-    /// All of them.
-    pub const ALL: [Self; 2] = [Self::BandOutOfReach, Self::ForceAboveBand];
-
-    /// Its name.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::BandOutOfReach => "band_out_of_reach",
-            Self::ForceAboveBand => "force_above_band",
-        }
-    }
-}
+crate::keyframe::keep_list!(Deaf {
+    BandOutOfReach => "band_out_of_reach",
+    ForceAboveBand => "force_above_band",
+});
 
 impl Pipeline {
     /// Why chatter of the bar cannot be heard; nothing while on one watched axis at least the estimate is

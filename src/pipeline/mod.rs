@@ -27,7 +27,7 @@ pub use settings::{AxisPlan, BandPlan, PipelineError, PipelineSettings, ToolAxis
 
 use crate::chatter::{
     Agreement, AgreementState, ChatterEvent, ChatterMonitor, ChatterOutput, ChatterSettings, ChatterState,
-    Line, Phase, agree,
+    Line, Phase, Reason, agree,
 };
 use crate::force::disagreement::Disagreement;
 use crate::force::lanes::LANES;
@@ -253,6 +253,12 @@ impl Pipeline {
     #[must_use]
     pub fn in_cut(&self) -> Option<bool> {
         self.cutting.in_cut()
+    }
+
+    /// What explains best, other than chatter, what the axis hears that leads.
+    #[must_use]
+    pub fn reason(&self) -> Reason {
+        self.monitor.output(&self.states[self.agreement.leading_axis].monitor).reason
     }
 
     /// Samples since the last gap or restart.

@@ -48,7 +48,7 @@ pub fn to_json(
         })),
         "candidates": diagnosis.candidates.iter().map(|c| json!({
             "effect": c.effect.name(), "port": c.port.name(), "evidence_nats": c.evidence_nats,
-            "level_nats": c.level_nats, "reason": c.reason,
+            "level_nats": c.level_nats, "reason": c.reason.sentence(),
         })).collect::<Vec<_>>(),
         "residual_band_hz": diagnosis.residual_band_hz,
         "noise_floor_n": noise_floor(diagnosis),

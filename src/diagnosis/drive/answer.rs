@@ -4,7 +4,7 @@ use super::case::{Case, Found};
 use super::closed_loop::closed_loop;
 use super::evidence::{least_seen_n, level};
 use super::faults::force_faults;
-use super::heldout::{Named, Stepped, Written, foretold_n, without};
+use super::heldout::{Named, Stepped, Written, fit_taken_out, foretold_n, without};
 use super::laws::current_loop_lag::CurrentLoop;
 use super::laws::dead_time::Delay;
 use super::laws::{Deviations, Hypothesis, Shape, scale_deviation};
@@ -93,8 +93,7 @@ impl Case<'_> {
     pub(super) fn answer(self, state: State) -> Diagnosis {
         let balance = self.balance;
         let (state, doubt, _) = determined(balance, state);
-        let last = self.rounds.last().and_then(|r| r.fitted.first());
-        let level = last.map_or(level(&state, (1, 0.0)), |f| f.level_nats);
+        let level = self.level(&state);
         let absent = absent(balance, &state, &doubt, level);
         let mut found = self.found(&state, &doubt, &absent, level);
         found.extend(self.encoder_steps());
@@ -182,6 +181,12 @@ impl Case<'_> {
             thrust += band.products[0][design.target * n + design.target];
         }
         [left, thrust].map(|power| (power / self.samples()).sqrt())
+    }
+
+    /// What evidence has to exceed: as it was asked last.
+    fn level(&self, state: &State) -> f64 {
+        let last = self.rounds.last().and_then(|round| round.fitted.first());
+        last.map_or_else(|| level(state, (1, 0.0)), |fitted| fitted.level_nats)
     }
 
     fn samples(&self) -> f64 {
@@ -414,13 +419,9 @@ impl Case<'_> {
         let (shown, of) = match named {
             None => (left.clone(), state.clone()),
             Some(Named::Steps(_)) => (rest(self.balance, self.start), self.start.clone()),
-            Some(Named::Number(number)) => {
-                let (design, beta) = fit_without(state, &[number]);
-                (rest_of(self.balance, state, (&design, &beta)), state.clone())
-            }
-            Some(named) => {
-                let others = without(self.balance, state, named);
-                (rest(self.balance, &others), others)
+            Some(_) => {
+                let (others, design, beta) = fit_taken_out(self.balance, state, named, &[]);
+                (rest_of(self.balance, &others, (&design, &beta)), others)
             }
         };
         let time = (0..self.recordings.len())

@@ -68,14 +68,24 @@ pub(super) struct Written<'a> {
     pub(super) stepped: Vec<Stepped>,
 }
 
+/// A state without what a finding stands for and without numbers that nothing says, and its fit.
+pub(super) fn fit_taken_out(
+    balance: &Balance,
+    state: &State,
+    named: Option<Named>,
+    unsaid: &[Number],
+) -> (State, Design, Vec<f64>) {
+    let others = named.map_or_else(|| state.clone(), |named| without(balance, state, named));
+    let mut missing = unsaid.to_vec();
+    missing.extend(named.and_then(|named| if let Named::Number(n) = named { Some(n) } else { None }));
+    let (design, beta) = fit_without(&others, &missing);
+    (others, design, beta)
+}
+
 impl Written<'_> {
     /// What it leaves on parts that nothing was fitted to, or what it leaves without a finding, N.
     pub(super) fn heldout_n(&self, balance: &Balance, named: Option<Named>) -> f64 {
-        let state = named.map(|named| without(balance, self.state, named));
-        let state = state.as_ref().unwrap_or(self.state);
-        let mut missing = self.unsaid.to_vec();
-        missing.extend(named.and_then(|named| if let Named::Number(n) = named { Some(n) } else { None }));
-        let (design, beta) = fit_without(state, &missing);
+        let (state, design, beta) = fit_taken_out(balance, self.state, named, self.unsaid);
         let all_n = foretold_n(balance, (&state.base.gram, &design, &beta));
         let rest = self.stepped.iter().filter(|s| named != Some(Named::Steps(s.port)));
         let explained_n2 = steps_n2(balance, self.state, &rest.collect::<Vec<_>>());

@@ -12,14 +12,11 @@ use super::number::Number;
 use super::numbers::Absent;
 use super::rest::{Rest, spans_s};
 use super::state::State;
-use crate::diagnosis::result::{Candidate, ForceFault, ForceFaultKind, TimeSpans, Unexplained};
+use crate::diagnosis::result::{
+    Candidate, CandidateReason, ForceFault, ForceFaultKind, TimeSpans, Unexplained,
+};
 use crate::diagnosis::selection::Reach;
 use crate::units::engineering;
-
-/// Why something that was found is not asserted.
-const STANDS_BESIDE: &str = "what is left beside it stands above the noise, and it is no cause of that";
-const UNDIVIDED: &str =
-    "with the others of this reason it is missed, and the motion does not say which of them";
 
 /// Faults of the force's column that may be told, and notes on the rest.
 pub(super) fn budget(
@@ -103,7 +100,7 @@ impl Case<'_> {
             port: f.term.port,
             evidence_nats: f.evidence_nats,
             level_nats: f.level_nats,
-            reason: STANDS_BESIDE,
+            reason: CandidateReason::StandsBeside,
         });
         let mut list: Vec<Candidate> = stands.filter(|_| !asserted).collect();
         let last = self.rounds.last().filter(|r| !r.accepted).map_or(&[][..], |r| &r.fitted);
@@ -122,9 +119,9 @@ impl Case<'_> {
                 continue;
             }
             let reason = match (was_taken, f.at_bound) {
-                (true, _) => "beside what else was found the recordings do not determine it",
-                (_, true) => "a constant of it ends at its bound, or it is what every axis has",
-                _ => "its evidence is below what chance and the balance's own errors reach",
+                (true, _) => CandidateReason::Undetermined,
+                (_, true) => CandidateReason::AtBound,
+                _ => CandidateReason::BelowLevel,
             };
             list.push(Candidate {
                 effect,
@@ -143,7 +140,13 @@ impl Case<'_> {
         let Some([evidence_nats, level_nats]) = nats else { return Vec::new() };
         let of = |n: &Number| {
             let port = Absent::port_of(self.balance, *n);
-            Some(Candidate { effect: n.effect()?, port, evidence_nats, level_nats, reason: UNDIVIDED })
+            Some(Candidate {
+                effect: n.effect()?,
+                port,
+                evidence_nats,
+                level_nats,
+                reason: CandidateReason::Undivided,
+            })
         };
         unsaid.iter().filter_map(of).collect()
     }
@@ -157,17 +160,16 @@ impl Case<'_> {
         candidates: &[Candidate],
     ) -> Vec<String> {
         let mut notes = self.notes.clone();
-        let found: Vec<String> = candidates
-            .iter()
-            .filter(|c| c.reason == STANDS_BESIDE)
-            .map(|c| format!("{} at {}", c.effect, c.port))
-            .collect();
+        let names = |reason: CandidateReason| -> Vec<String> {
+            let listed = candidates.iter().filter(|c| c.reason == reason);
+            listed.map(|c| format!("{} at {}", c.effect, c.port)).collect()
+        };
+        let found = names(CandidateReason::StandsBeside);
         if !found.is_empty() {
             notes
                 .push(format!("Candidates that take part of it and are not asserted: {}.", found.join(", ")));
         }
-        let undivided = candidates.iter().filter(|c| c.reason == UNDIVIDED);
-        let undivided: Vec<String> = undivided.map(|c| format!("{} at {}", c.effect, c.port)).collect();
+        let undivided = names(CandidateReason::Undivided);
         let of = |x: f64| engineering(x, "N", 4);
         match &undivided[..] {
             [] => {}

@@ -150,28 +150,13 @@ impl Picture {
     }
 }
 
-/// Word for a phase.
-fn phase_word(phase: Phase) -> &'static str {
-    match phase {
-        Phase::Learning => "learning",
-        Phase::Quiet => "quiet",
-        Phase::Suspected => "suspected",
-        Phase::Chatter => "chatter",
-    }
-}
-
 /// Word for what is heard, and why it is silent.
 fn heard_words(pipeline: &Pipeline) -> (&'static str, Option<&'static str>) {
-    let chatter = pipeline.agreement();
-    match (chatter.phase, pipeline.deaf()) {
-        (Phase::Chatter | Phase::Learning, None) | (Phase::Chatter, Some(_)) => {
-            (phase_word(chatter.phase), None)
-        }
+    let phase = pipeline.agreement().phase;
+    match (phase, pipeline.deaf()) {
+        (Phase::Chatter, _) | (Phase::Learning, None) => (phase.name(), None),
         (_, Some(deaf)) => ("deaf", Some(deaf.name())),
-        (Phase::Quiet | Phase::Suspected, None) => {
-            let output = pipeline.axis_output(chatter.leading_axis);
-            (phase_word(chatter.phase), output.map(|heard| heard.reason.name()))
-        }
+        (Phase::Quiet | Phase::Suspected, None) => (phase.name(), Some(pipeline.reason().name())),
     }
 }
 

@@ -49,44 +49,15 @@ pub enum DeafReason {
 }
 
 keep_list!(DeafReason {
-    SpeedUnknown,
-    PitchUnknown,
-    CutUnknown,
-    NoiseOverLine,
-    IntervalTooWide,
-    NoRootInBand,
-    ForceAboveBand,
-    Chatter
+    SpeedUnknown => "speed_unknown",
+    PitchUnknown => "pitch_unknown",
+    CutUnknown => "cut_unknown",
+    NoiseOverLine => "noise_over_line",
+    IntervalTooWide => "interval_too_wide",
+    NoRootInBand => "no_root_in_band",
+    ForceAboveBand => "force_above_band",
+    Chatter => "chatter",
 });
-
-impl DeafReason {
-    /// All of them.
-    pub const ALL: [Self; 8] = [
-        Self::SpeedUnknown,
-        Self::PitchUnknown,
-        Self::CutUnknown,
-        Self::NoiseOverLine,
-        Self::IntervalTooWide,
-        Self::NoRootInBand,
-        Self::ForceAboveBand,
-        Self::Chatter,
-    ];
-
-    /// Its name.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::SpeedUnknown => "speed_unknown",
-            Self::PitchUnknown => "pitch_unknown",
-            Self::CutUnknown => "cut_unknown",
-            Self::NoiseOverLine => "noise_over_line",
-            Self::IntervalTooWide => "interval_too_wide",
-            Self::NoRootInBand => "no_root_in_band",
-            Self::ForceAboveBand => "force_above_band",
-            Self::Chatter => "chatter",
-        }
-    }
-}
 
 /// What is said of the margin of one axis.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
