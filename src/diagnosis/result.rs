@@ -1,7 +1,7 @@
 //! What a diagnosis says: plain data, no files. The report and the commands turn it into theirs.
 
 use crate::plant::effects::{EffectKind, Parameter, PhysicsTerm, Port};
-use crate::plant::machine::Machine;
+use crate::plant::machine::{Controller, Machine};
 use std::borrow::Cow;
 
 /// The answer to "is anything missing?".
@@ -322,8 +322,10 @@ pub struct DetectionLimit {
 /// recorded command. Arrays in that order.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ClosedLoop {
-    /// Share of the reference's changes that the stated control law leaves in the recording it says best.
+    /// Share of the reference's changes that the control law leaves in the recording it says best.
     pub law_share: f64,
+    /// The law as it was read from the recordings, where the model states none.
+    pub read: Option<Controller>,
     /// One a recording.
     pub trials: Vec<SimulatedTrial>,
     /// Findings that have no law in the simulation: cuts, disturbances.

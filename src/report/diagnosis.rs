@@ -85,8 +85,17 @@ fn closed_loop(diagnosis: &Diagnosis, files: &[String]) -> Value {
             "stage_rms_m": three(&t.stage_rms_m),
         })
     };
+    let read = loops.read.map(|c| {
+        json!({
+            "position_gain_1_s": c.position_gain_1_s,
+            "velocity_gain_1_s": c.velocity_gain_1_s,
+            "velocity_integral_1_s": c.velocity_integral_1_s,
+            "velocity_filter_rad_s": c.velocity_filter_rad_s,
+        })
+    });
     json!({
         "control_law_share": loops.law_share,
+        "control_law_read": read,
         "recordings": loops.trials.iter().map(trial).collect::<Vec<_>>(),
         "effects_not_simulated": loops.not_simulated.iter().map(|e| e.name()).collect::<Vec<_>>(),
     })

@@ -44,8 +44,9 @@ fn proof(out: &mut String, d: &Diagnosis, loops: &ClosedLoop) {
     let _ = write!(
         out,
         "</table><p class=\"small soft\">Recorded thrust less the thrust of each model in its own closed loop under the \
-         recorded command, root mean square. Nothing measured is differentiated or fitted here. The stated control law \
-         leaves {} % of the recorded reference unsaid.",
+         recorded command, root mean square. Nothing measured is differentiated here. {} leaves {} % of the recorded reference \
+         unsaid.",
+        law_said(loops),
         significant(100.0 * loops.law_share, 2)
     );
     if !loops.not_simulated.is_empty() {
@@ -53,6 +54,19 @@ fn proof(out: &mut String, d: &Diagnosis, loops: &ClosedLoop) {
         let _ = write!(out, " Not in the simulation: {}.", escape(&names.join(", ")));
     }
     out.push_str("</p>");
+}
+
+/// The law in words.
+fn law_said(loops: &ClosedLoop) -> String {
+    let Some(read) = loops.read else { return "The stated control law".to_owned() };
+    let unit = |value: f64, unit: &str| engineering(value, unit, 3);
+    format!(
+        "The control law, which the model does not state, was read from the recordings (position gain {}, velocity \
+         gain {}, its integral {}); it",
+        unit(read.position_gain_1_s, "1/s"),
+        unit(read.velocity_gain_1_s, "1/s"),
+        unit(read.velocity_integral_1_s, "1/s"),
+    )
 }
 
 fn size(value: f64, unit: &str) -> String {

@@ -5,7 +5,9 @@ use stillcut::plant::effects::{EffectKind, ParameterValue, PhysicsTerm};
 use stillcut::plant::machine::AxisModel;
 use stillcut::sample::Recording;
 use stillcut::simulation::concealed_axis::{Case, CaseSpec, conceal};
-use stillcut::simulation::model_axis::{LoopRecord, Replay, Response, Trial, replay, respond};
+use stillcut::simulation::model_axis::{
+    LoopRecord, Replay, Response, Trial, read_controller, replay, respond,
+};
 
 /// A machine whose model is exact but for what is hidden, without noise.
 fn exact(effect: Option<&str>) -> Case {
@@ -66,6 +68,29 @@ fn the_law_replays_a_recorded_loop_and_shows_what_was_added_to_it() {
     assert!(r.share[by_name("sweep")] > 0.1, "{:?}", r.share);
     let total = case.truth.reflected_mass_kg + case.truth.movable_mass_kg;
     assert!((r.law.per_accel * case.truth.thrust_constant_n_a / total - 1.0).abs() < 1e-3);
+}
+
+/// Of three recordings, one of them with a sine added to the loop: the gains that ran it.
+#[test]
+fn the_law_is_read_from_a_recorded_loop() {
+    let case = exact(None);
+    let axis = &case.model.axes[0];
+    let all: Vec<LoopRecord> = case.recordings.iter().map(|r| signals(axis, r)).collect();
+    let stated = axis.controller.unwrap();
+    let drive = &axis.drive;
+    let of = (drive.total_mass_kg(), drive.thrust_constant_n_a().unwrap());
+    let read = read_controller(of, 1.0e-4, &all).unwrap();
+    let pairs = [
+        (read.position_gain_1_s, stated.position_gain_1_s),
+        (read.velocity_gain_1_s, stated.velocity_gain_1_s),
+        (read.velocity_integral_1_s, stated.velocity_integral_1_s),
+    ];
+    assert!(pairs.iter().all(|(a, b)| (a / b - 1.0).abs() < 0.03), "{read:?} {stated:?}");
+    // A reference that no loop made follows no law.
+    let mut strange = all[0].clone();
+    strange.reference.iter_mut().enumerate().for_each(|(k, u)| *u = (0.01 * (k * k) as f64).sin());
+    let share = |c| replay(c, 1.0e-4, &[strange.clone()]).unwrap().share[0];
+    assert!(read_controller(of, 1.0e-4, &[strange.clone()]).is_none_or(|c| share(c) > 0.9));
 }
 
 /// The hidden effect as a term of the model, as its judge simulated it.

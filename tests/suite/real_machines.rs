@@ -142,6 +142,13 @@ fn the_found_emps_model_runs_in_closed_loop_closer_than_the_published_one() {
     println!("force in closed loop: {:.2} %", 100.0 * error);
     // Publishers: 5.85 % with their symmetric model.
     assert!(error < 0.0585, "{error}");
+    // The diagnosis runs it too, with the law that it reads from the recording.
+    let loops = d.closed_loop.as_ref().unwrap();
+    let read = loops.read.unwrap();
+    assert!((read.position_gain_1_s / 160.18 - 1.0).abs() < 0.01, "{read:?}");
+    let own = loops.trials[0].thrust_rms_n[2] / rms(measured);
+    println!("the same by the diagnosis: {:.2} %", 100.0 * own);
+    assert!(own < 0.04, "{own}");
 }
 
 #[test]
@@ -151,6 +158,9 @@ fn the_published_emps_model_lacks_the_difference_between_the_directions() {
     };
     let d = said(&model, &[read_recording(&file).unwrap()]);
     assert_eq!(d.findings.first().map(|f| f.effect), Some(EffectKind::AsymmetricFriction));
+    // What is found stands beside the load as it is stated: of the two only the sum is told.
+    let [stated, recalibrated, found] = d.closed_loop.unwrap().trials[0].thrust_rms_n;
+    assert!(found < 0.8 * recalibrated && recalibrated < 1.01 * stated, "{stated} {recalibrated} {found}");
 }
 
 #[test]

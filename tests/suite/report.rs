@@ -131,6 +131,7 @@ fn diagnosis() -> Diagnosis {
         notes: Vec::new(),
         model: model(),
         closed_loop: Ok(ClosedLoop {
+            read: None,
             law_share: 2.0e-5,
             trials: vec![SimulatedTrial {
                 recording: 0,

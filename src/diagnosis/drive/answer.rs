@@ -9,7 +9,7 @@ use super::laws::current_loop_lag::CurrentLoop;
 use super::laws::dead_time::Delay;
 use super::laws::{Deviations, Hypothesis, Shape, scale_deviation};
 use super::likelihood::Design;
-use super::model::{is_other_size, sizes};
+use super::model::{is_other_size, sizes, with_untold_as_stated};
 use super::notes;
 use super::numbers::{
     self, Absent, Doubt, absent, corrections, doubt, fit_without, stated_beta, undivided, unsaid,
@@ -93,6 +93,8 @@ impl Case<'_> {
     pub(super) fn answer(self, state: State) -> Diagnosis {
         let balance = self.balance;
         let (state, doubt, _) = determined(balance, state);
+        let state = with_untold_as_stated(balance, state, &doubt);
+        let doubt = numbers::doubt(balance, &state, &rest(balance, &state));
         let level = self.level(&state);
         let absent = absent(balance, &state, &doubt, level);
         let mut found = self.found(&state, &doubt, &absent, level);

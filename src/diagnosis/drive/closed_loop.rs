@@ -12,7 +12,9 @@ use crate::diagnosis::two_cores::on_two_cores;
 use crate::plant::machine::{AxisModel, Controller};
 use crate::sample::Recording;
 use crate::signal::inner_products::rms;
-use crate::simulation::model_axis::{LoopRecord, Replay, Trial, not_simulated, replay, respond};
+use crate::simulation::model_axis::{
+    LoopRecord, Replay, Trial, not_simulated, read_controller, replay, respond,
+};
 
 /// First samples that the velocity at the start is taken from.
 const START_SAMPLES: usize = 20;
@@ -25,18 +27,45 @@ pub(super) fn closed_loop(
     state: &State,
 ) -> Result<ClosedLoop, String> {
     let stated = &axes[0];
-    let controller = stated.controller.ok_or("the model states no controller")?;
     let records: Vec<LoopRecord> =
         recordings.iter().map(|r| record(stated, r)).collect::<Result<Vec<_>, String>>()?;
     let period_s = 1.0 / signals.rate_hz;
-    let law = law_of(controller, period_s, &records)?;
+    let law = match stated.controller {
+        Some(controller) => law_of(controller, period_s, &records)?,
+        None => read_law((signals, &axes[2]), period_s, &records)?,
+    };
     let places: Vec<usize> = (0..records.len()).collect();
     let trials = on_two_cores(&places, |&k| {
         let trial = trial((k, &records[k], &law), stated, &signals.tracks[k], (period_s, state.now.timing_s));
         simulated(signals, axes, (k, &records[k], &trial), law.share[k] > Criteria::STANDARD.law_share)
     });
     let law_share = law.share.iter().copied().fold(f64::INFINITY, f64::min);
-    Ok(ClosedLoop { law_share, trials, not_simulated: not_simulated(&axes[2]) })
+    let read = stated.controller.is_none().then_some(law.law.controller);
+    if read.is_some() && trials.iter().any(|t| !t.thrust_rms_n[2].is_finite()) {
+        return Err(
+            "the model states no controller, and with the control law that was read from the recordings \
+                    the model that was found runs away"
+                .to_owned(),
+        );
+    }
+    Ok(ClosedLoop { law_share, read, trials, not_simulated: not_simulated(&axes[2]) })
+}
+
+/// The law that the recordings tell where the model states none.
+fn read_law(
+    (signals, found): (&Signals, &AxisModel),
+    period_s: f64,
+    records: &[LoopRecord],
+) -> Result<Replay, String> {
+    let per_unit = signals.tracks.first().map_or(1.0, |t| t.reference.per_unit);
+    let read = read_controller((found.drive.total_mass_kg(), per_unit), period_s, records);
+    let law = read.and_then(|controller| replay(controller, period_s, records));
+    let best = |law: &Replay| law.share.iter().copied().fold(f64::INFINITY, f64::min);
+    law.filter(|law| best(law) < Criteria::STANDARD.law_share).ok_or_else(|| {
+        "the model states no controller, and the recorded reference follows no law of a position gain, a velocity \
+         gain and an integral"
+            .to_owned()
+    })
 }
 
 fn record(axis: &AxisModel, recording: &Recording) -> Result<LoopRecord, String> {

@@ -128,6 +128,135 @@ pub fn replay(controller: Controller, period_s: f64, records: &[LoopRecord]) -> 
     Some(out)
 }
 
+/// Gains and filter of the law that says one of the recordings best, from what they hold alone: where a model
+/// states no controller. `mass_kg`: all that moves; `per_unit`: thrust of a unit of the reference, N. `None`: no
+/// recording has a moving reference that such a law, with gains above zero, says at all.
+///
+/// Linear least squares of the two gains beside each filter and integral that is tried, those by a pattern
+/// search. Errors: none. Checked by: `model_axis::the_law_is_read_from_a_recorded_loop`.
+#[must_use]
+pub fn read_controller(
+    (mass_kg, per_unit): (f64, f64),
+    period_s: f64,
+    records: &[LoopRecord],
+) -> Option<Controller> {
+    let read = records.iter().filter_map(|r| ReadLaw::search(period_s, r));
+    let best = read.min_by(|a, b| a.share.total_cmp(&b.share))?;
+    let w = if best.taken < 1.0 { -(-best.taken).ln_1p() / period_s } else { 0.0 };
+    Some(Controller {
+        position_gain_1_s: best.position_gain_1_s,
+        velocity_gain_1_s: best.slope * per_unit / mass_kg,
+        velocity_integral_1_s: best.integral_1_s,
+        velocity_filter_rad_s: w,
+    })
+}
+
+/// What of a law was read from a recording.
+#[derive(Debug, Clone, Copy)]
+struct ReadLaw {
+    /// Share of a new velocity that its filter takes.
+    taken: f64,
+    integral_1_s: f64,
+    position_gain_1_s: f64,
+    /// Reference per velocity error.
+    slope: f64,
+    share: f64,
+}
+
+impl ReadLaw {
+    /// First and finest step of the search, natural logarithm.
+    const STEPS: [f64; 2] = [0.5, 0.01];
+    /// Rows of a recording that it is read from.
+    const MOST_ROWS: usize = 40_000;
+
+    /// The best that lies around the best integral of each filter, and around its mirror: where motor and stage
+    /// go together, position gain and integral may stand for one another.
+    fn search(period_s: f64, r: &LoopRecord) -> Option<Self> {
+        let integrals_1_s = [0.0, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0];
+        let fit = |at: (f64, f64)| Self::fit(period_s, r, at);
+        let best_of = |taken: f64| integrals_1_s.iter().filter_map(|k| fit((taken, *k))).reduce(Self::better);
+        let begun = [1.0, 0.7, 0.4, 0.2, 0.1].into_iter().filter_map(best_of);
+        let best = begun.map(|from| from.refined(fit)).reduce(Self::better)?;
+        let mirror = fit((best.taken, best.position_gain_1_s)).map(|from| from.refined(fit));
+        Some(mirror.into_iter().fold(best, Self::better))
+    }
+
+    fn better(self, other: Self) -> Self {
+        if other.share < self.share { other } else { self }
+    }
+
+    /// Pattern search over filter and integral.
+    fn refined(self, fit: impl Fn((f64, f64)) -> Option<Self>) -> Self {
+        let [mut step, finest] = Self::STEPS;
+        let mut best = self;
+        while step > finest {
+            let (t, k) = (best.taken, best.integral_1_s);
+            let by = [-step, 0.0, step].map(f64::exp);
+            let around = by.iter().flat_map(|a| by.iter().map(move |b| ((t * a).min(1.0), k * b)));
+            let next = around.filter_map(&fit).fold(best, Self::better);
+            step = if next.share < best.share { step } else { 0.5 * step };
+            best = next;
+        }
+        best
+    }
+
+    /// The two gains by least squares, whether the command's velocity is fed forward or not.
+    fn fit(period_s: f64, r: &LoopRecord, (taken, integral_1_s): (f64, f64)) -> Option<Self> {
+        let of = |forward: f64| {
+            let [apart, speed] = ingredients(period_s, r, (taken, forward)).map(|x| {
+                let mut sum = 0.0;
+                let with_integral = |x: &f64| {
+                    sum += x * period_s;
+                    x + integral_1_s * sum
+                };
+                x.iter().map(with_integral).collect::<Vec<f64>>()
+            });
+            let ([of_apart, slope], share) = fit_pair([&apart, &speed], &r.reference)?;
+            let position_gain_1_s = of_apart / slope;
+            let is_law = slope > 0.0 && position_gain_1_s > 0.0 && share.is_finite();
+            is_law.then_some(Self { taken, integral_1_s, position_gain_1_s, slope, share })
+        };
+        let both = [0.0, 1.0].into_iter().filter_map(of);
+        both.min_by(|a, b| a.share.total_cmp(&b.share))
+    }
+}
+
+/// Position error, m, and velocity error less its part, m/s.
+fn ingredients(period_s: f64, r: &LoopRecord, (taken, forward): (f64, f64)) -> [Vec<f64>; 2] {
+    let count = r.command_m.len().min(r.motor_m.len()).min(r.stage_m.len()).min(ReadLaw::MOST_ROWS);
+    let change = |x: &[f64], k: usize| (x[k] - x[k.saturating_sub(1)]) / period_s;
+    let mut velocity_m_s = if count > 1 { change(&r.motor_m, 1) } else { 0.0 };
+    let mut speed = Vec::with_capacity(count);
+    for k in 0..count {
+        if k > 0 {
+            velocity_m_s += taken * (change(&r.motor_m, k) - velocity_m_s);
+        }
+        speed.push(forward * change(&r.command_m, k) - velocity_m_s);
+    }
+    [r.command_m.iter().zip(&r.stage_m).take(count).map(|(c, s)| c - s).collect(), speed]
+}
+
+/// u = a x + b y + offset by least squares, and the share of the changes of u that it leaves.
+fn fit_pair([x, y]: [&[f64]; 2], u: &[f64]) -> Option<([f64; 2], f64)> {
+    let u = u.get(..x.len())?;
+    let mean = |x: &[f64]| x.iter().sum::<f64>() / x.len().max(1) as f64;
+    let middle = [mean(x), mean(y), mean(u)];
+    let mut sums = [[0.0; 3]; 3];
+    for ((x, y), u) in x.iter().zip(y).zip(u) {
+        let row = [x - middle[0], y - middle[1], u - middle[2]];
+        for (i, sums) in sums.iter_mut().enumerate() {
+            sums.iter_mut().zip(row).for_each(|(s, v)| *s += row[i] * v);
+        }
+    }
+    let [[xx, xy, xu], [_, yy, yu], [.., uu]] = sums;
+    let determinant = xx * yy - xy * xy;
+    if !(determinant > 1e-12 * xx * yy && uu > 0.0) {
+        return None;
+    }
+    let (a, b) = ((xu * yy - yu * xy) / determinant, (yu * xx - xu * xy) / determinant);
+    Some(([a, b], ((uu - a * xu - b * yu).max(0.0) / uu).sqrt()))
+}
+
 /// e + K_i sum e T from recorded signals.
 fn law_output(law: &ControlLaw, period_s: f64, r: &LoopRecord) -> Vec<f64> {
     let first = |x: &[f64]| x.first().copied().unwrap_or(0.0);

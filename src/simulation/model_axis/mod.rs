@@ -10,7 +10,7 @@ mod further;
 mod lanes;
 mod tanh;
 
-pub use control::{ControlLaw, LoopRecord, Replay, replay};
+pub use control::{ControlLaw, LoopRecord, Replay, read_controller, replay};
 
 use crate::plant::effects::EffectKind;
 use crate::plant::machine::AxisModel;
