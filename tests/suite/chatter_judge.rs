@@ -24,6 +24,7 @@ fn the_frozen_streams_are_scored_as_they_were() {
         assert_eq!(counts, [found, alarms, false_alarms], "{kind:?}: {score:?}");
         let median_s = score.delays_s.get(score.delays_s.len() / 2).copied().unwrap_or(0.0);
         assert!(median_s <= below_s, "{kind:?}: {score:?}");
+        println!("{kind:?}: delays over the bound {:.2?}", score.over_bound);
         assert_eq!(score.episodes, if found > 0 { 6 } else { 0 }, "{kind:?}");
     }
 }
