@@ -19,6 +19,11 @@ pub(super) struct OutlierFilter {
 crate::keyframe::keep!(OutlierFilter { seen, level_n, square_n2, run } if |w| w.run <= FEW);
 
 impl OutlierFilter {
+    /// Mean square of the distance from the level, N^2.
+    pub(super) fn square_n2(&self) -> f64 {
+        self.square_n2
+    }
+
     /// The sample, or the level where it is wild. Checked by: `spikes_are_left_out_and_steps_pass`.
     #[inline]
     pub(super) fn bound(&mut self, force_n: f64, period_s: f64) -> f64 {

@@ -197,9 +197,10 @@ impl SubBand {
         if known { (CRITERIA.stable_share * now.mean_n).powi(2) } else { f64::INFINITY }
     }
 
-    /// Whether a tool is in the cut, by its mean force.
+    /// Whether a tool is in the cut, by its mean force. Where none was seen to enter, that of a sensor whose zero
+    /// is off is told from it by what the force does about its mean.
     fn cuts(state: &SubBandState, now: &Conditions) -> bool {
-        let pushes = now.mean_n > CRITERIA.over_whole * state.whole_n2.sqrt();
+        let pushes = now.mean_n > CRITERIA.over_whole * state.whole_n2.max(now.scatter_n2).sqrt();
         now.mean != MeanForce::Absent && (state.in_cut || pushes)
     }
 
