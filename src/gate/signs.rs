@@ -86,12 +86,11 @@ pub(super) fn swapped(work: &mut Work<'_>, axis: &AxisColumns) {
     let apart = |p: &usize| *p == first || goes_along(*p) < work.criteria.scale_correlation;
     let live = axis.with(Role::Position).filter(|p| !work.silent[*p]);
     let positions: Vec<usize> = live.filter(apart).filter(|p| goes_anywhere(work, *p)).collect();
-    let rough = |work: &Work<'_>, column: usize| {
-        let x = work.values(column);
-        deviation(&changes(x)) / deviation(x).max(f64::MIN_POSITIVE)
-    };
+    let of = |x: &[f64], by: &[f64]| deviation(by) / deviation(x).max(f64::MIN_POSITIVE);
     for drive in drives(work, axis) {
-        let over = |p: usize| rough(work, p) / rough(work, drive).max(f64::MIN_POSITIVE);
+        let x = work.values(drive);
+        let rough = of(x, &changes(x)).max(f64::MIN_POSITIVE);
+        let over = |p: usize| of(work.values(p), &without_jumps(work.values(p))) / rough;
         let Some(position) = positions.iter().copied().find(|p| over(*p) > work.criteria.roughness) else {
             continue;
         };
@@ -109,6 +108,15 @@ pub(super) fn swapped(work: &mut Work<'_>, axis: &AxisColumns) {
             statement,
         });
     }
+}
+
+/// Changes of a position from row to row, none larger than the largest of a hundred: what jumps out of it for a
+/// few rows is a fault of its own.
+fn without_jumps(x: &[f64]) -> Vec<f64> {
+    let by = changes(x);
+    let sizes: Vec<f64> = by.iter().map(|v| v.abs()).collect();
+    let most = percentile(&sizes, 0.99);
+    by.into_iter().map(|v| v.clamp(-most, most)).collect()
 }
 
 /// False for an axis that is held still and shows its noise: that is rough, too.
