@@ -483,6 +483,16 @@ fn a_current_that_follows_an_encoder_is_sound() {
     assert_eq!(named(&gate(&spiked).faults), vec![("outlier", "x_current_ref_a")]);
 }
 
+/// A position that jumps out for single rows is as smooth as it was: it is in its place.
+#[test]
+fn outliers_of_a_position_make_no_force_of_it() {
+    let mut logged = drive();
+    let rows = moving(&logged);
+    let position = values(&mut logged, POSITION);
+    rows.iter().step_by(rows.len() / 7).for_each(|i| position[*i] += 1.0);
+    assert_eq!(named(&gate(&logged).faults), vec![("outlier", POSITION)]);
+}
+
 /// A row is one of all columns: an encoder that alone seems to stand and to catch up has jitter.
 #[test]
 fn a_row_is_missing_in_both_encoders_or_not_at_all() {
