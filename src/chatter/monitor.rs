@@ -334,7 +334,7 @@ impl ChatterMonitor {
             alarm: state.decision.alarm,
             mean: if state.mean_tells { self.settings.mean } else { MeanForce::Absent },
             mean_n: state.level.reached_n(),
-            scatter_n2: state.outliers.square_n2(),
+            sensor_n2: state.outliers.noise_n2(),
         };
         self.sub_bands[at].take(&mut state.sub_bands[at], &now);
     }

@@ -13,15 +13,19 @@ pub(super) struct OutlierFilter {
     seen: u64,
     level_n: f64,
     square_n2: f64,
+    /// Mean square of the second difference.
+    bend_n2: f64,
+    /// Newest first.
+    last_n: [f64; 2],
     run: u32,
 }
 
-crate::keyframe::keep!(OutlierFilter { seen, level_n, square_n2, run } if |w| w.run <= FEW);
+crate::keyframe::keep!(OutlierFilter { seen, level_n, square_n2, bend_n2, last_n, run } if |w| w.run <= FEW);
 
 impl OutlierFilter {
-    /// Mean square of the distance from the level, N^2.
-    pub(super) fn square_n2(&self) -> f64 {
-        self.square_n2
+    /// Mean square of a sensor's noise, N^2: of second differences, in which little else is left.
+    pub(super) fn noise_n2(&self) -> f64 {
+        self.bend_n2 / 6.0
     }
 
     /// The sample, or the level where it is wild. Checked by: `spikes_are_left_out_and_steps_pass`.
@@ -41,6 +45,12 @@ impl OutlierFilter {
         let share = if known { period_s * (1.0 / CRITERIA.outlier_memory_s) } else { 1.0 / self.seen as f64 };
         self.level_n += apart_n * share;
         self.square_n2 += (apart_n * apart_n - self.square_n2) * share;
+        let bend_n = force_n - 2.0 * self.last_n[0] + self.last_n[1];
+        self.last_n = [force_n, self.last_n[0]];
+        // Not of the two samples before the first.
+        if self.seen > 2 {
+            self.bend_n2 += (bend_n * bend_n - self.bend_n2) * share;
+        }
         if believed {
             // It goes on: the force is elsewhere now.
             self.square_n2 = self.square_n2.max(apart_n * apart_n);

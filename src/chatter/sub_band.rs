@@ -45,8 +45,9 @@ pub(super) struct SubBandState {
     /// before.
     seen: usize,
     detections: [Detection; WINDOWS.len()],
-    /// Of the last half second, N^2.
+    /// Of the last half second, N^2: of the band, and of the sensor's noise.
     whole_n2: f64,
+    sensor_n2: f64,
     other_level: usize,
     residuals: Residuals,
     sustained: Detection,
@@ -60,7 +61,7 @@ pub(super) struct SubBandState {
 
 keep!(SubBandState {
     mix, mixer, orders, noise, whitener, in_cut, left, history, count, since_change, seen, detections,
-    whole_n2, other_level, residuals, sustained, before, before_age, interference, alarmed,
+    whole_n2, sensor_n2, other_level, residuals, sustained, before, before_age, interference, alarmed,
 } if |s| s.seen >= s.since_change);
 
 impl SubBandState {
@@ -109,6 +110,7 @@ impl SubBand {
             seen: 0,
             detections: [Detection::default(); WINDOWS.len()],
             whole_n2: 0.0,
+            sensor_n2: 0.0,
             other_level: 0,
             residuals: Residuals::new(),
             sustained: Detection::default(),
@@ -159,7 +161,9 @@ impl SubBand {
         let residual = value - orders;
         state.history.push(Value { residual, orders, mixer: state.mixer, angle_turns });
         // Of all that was heard until the memory is full: less would make any force that of a tool.
-        state.whole_n2 += (value.norm_sqr() - state.whole_n2) / (0.5 * rate_hz).min(state.count as f64);
+        let memory = (0.5 * rate_hz).min(state.count as f64);
+        state.whole_n2 += (value.norm_sqr() - state.whole_n2) / memory;
+        state.sensor_n2 += (now.sensor_n2 - state.sensor_n2) / memory;
         if state.residuals.push(residual) {
             self.judge_sustained(state, now);
         }
@@ -197,10 +201,10 @@ impl SubBand {
         if known { (CRITERIA.stable_share * now.mean_n).powi(2) } else { f64::INFINITY }
     }
 
-    /// Whether a tool is in the cut, by its mean force. Where none was seen to enter, that of a sensor whose zero
-    /// is off is told from it by what the force does about its mean.
+    /// Whether a tool is in the cut, by its mean force. Where none was seen to enter, it is none unless it stands
+    /// above the noise of the sensor, whose zero may be off, and above all that the band does.
     fn cuts(state: &SubBandState, now: &Conditions) -> bool {
-        let pushes = now.mean_n > CRITERIA.over_whole * state.whole_n2.max(now.scatter_n2).sqrt();
+        let pushes = now.mean_n > CRITERIA.over_whole * state.whole_n2.max(state.sensor_n2).sqrt();
         now.mean != MeanForce::Absent && (state.in_cut || pushes)
     }
 

@@ -61,8 +61,8 @@ pub(super) struct Conditions {
     pub(super) mean: MeanForce,
     /// Mean force of the cut, N.
     pub(super) mean_n: f64,
-    /// Mean square of what the force does about its level, at all frequencies, N^2.
-    pub(super) scatter_n2: f64,
+    /// Mean square of the sensor's noise, N^2.
+    pub(super) sensor_n2: f64,
 }
 
 /// What is known of the noise of this cut.

@@ -110,13 +110,11 @@ pub(super) fn swapped(work: &mut Work<'_>, axis: &AxisColumns) {
     }
 }
 
-/// Changes of a position from row to row, none larger than the largest of a hundred: what jumps out of it for a
-/// few rows is a fault of its own.
+/// Changes from row to row of a series without rows that jump out of it and back: those are a fault of their
+/// own, and a step that stays is none.
 fn without_jumps(x: &[f64]) -> Vec<f64> {
-    let by = changes(x);
-    let sizes: Vec<f64> = by.iter().map(|v| v.abs()).collect();
-    let most = percentile(&sizes, 0.99);
-    by.into_iter().map(|v| v.clamp(-most, most)).collect()
+    let middle = |w: &[f64]| w[0].max(w[1]).min(w[0].min(w[1]).max(w[2]));
+    changes(&x.windows(3).map(middle).collect::<Vec<f64>>())
 }
 
 /// False for an axis that is held still and shows its noise: that is rough, too.

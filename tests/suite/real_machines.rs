@@ -158,9 +158,6 @@ fn the_published_emps_model_lacks_the_difference_between_the_directions() {
     };
     let d = said(&model, &[read_recording(&file).unwrap()]);
     assert_eq!(d.findings.first().map(|f| f.effect), Some(EffectKind::AsymmetricFriction));
-    // What is found stands beside the load as it is stated: of the two only the sum is told.
-    let [stated, recalibrated, found] = d.closed_loop.unwrap().trials[0].thrust_rms_n;
-    assert!(found < 0.8 * recalibrated && recalibrated < 1.01 * stated, "{stated} {recalibrated} {found}");
 }
 
 #[test]

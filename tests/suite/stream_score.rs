@@ -95,7 +95,7 @@ fn bound_s(made: &Stream, episode: &Episode) -> f64 {
     let density = noise[noise.len() / 2] / (2.0 * std::f64::consts::LN_2);
     let (mut nats, mut t) = (0.0, episode.onset_s);
     while nats < NATS && t < episode.end_s {
-        let line = (power(t, BLOCK_S, line_hz) - 2.0 * density / BLOCK_S).max(0.0);
+        let line = power(t, BLOCK_S, line_hz) - 2.0 * density / BLOCK_S;
         nats += line * BLOCK_S / (2.0 * density);
         t += BLOCK_S;
     }

@@ -17,8 +17,6 @@ pub(super) struct Accepted {
     pub(super) stated: Option<ForceLaw>,
     /// Part of itself that the last fit has it at, for a law that enters as one column.
     pub(super) scale: f64,
-    /// It stays as it is stated: the recordings do not tell its size.
-    pub(super) held: bool,
 }
 
 /// Amplitudes from which on a law enters further fits as one column, its form kept.
@@ -27,7 +25,7 @@ const MOST_FREE: usize = 8;
 impl Accepted {
     /// What was found.
     pub(super) fn found(hypothesis: Hypothesis, amplitudes: Vec<f64>) -> Self {
-        Self { hypothesis, amplitudes, given: None, stated: None, scale: 1.0, held: false }
+        Self { hypothesis, amplitudes, given: None, stated: None, scale: 1.0 }
     }
 
     /// True where it enters as one column.

@@ -9,7 +9,7 @@ use super::laws::current_loop_lag::CurrentLoop;
 use super::laws::dead_time::Delay;
 use super::laws::{Deviations, Hypothesis, Shape, scale_deviation};
 use super::likelihood::Design;
-use super::model::{is_other_size, sizes, with_untold_as_stated};
+use super::model::{is_other_size, sizes};
 use super::notes;
 use super::numbers::{
     self, Absent, Doubt, absent, corrections, doubt, fit_without, stated_beta, undivided, unsaid,
@@ -83,14 +83,6 @@ pub(super) fn determined(balance: &Balance, mut state: State) -> (State, Doubt, 
     }
 }
 
-/// The state of the model that is written, and how well its numbers are known.
-fn settled(balance: &Balance, state: State) -> (State, Doubt) {
-    let (state, doubt, _) = determined(balance, state);
-    let state = with_untold_as_stated(balance, state, &doubt);
-    let doubt = numbers::doubt(balance, &state, &rest(balance, &state));
-    (state, doubt)
-}
-
 /// Share of the power that was left before and is not left now, less what never repeats, N.
 fn explained_share([before, left]: [&Rest; 2], repeats_n: f64) -> f64 {
     1.0 - (left.force_n.powi(2) - repeats_n.powi(2)).max(0.0) / before.force_n.max(1e-300).powi(2)
@@ -100,7 +92,7 @@ impl Case<'_> {
     /// The answer for a state.
     pub(super) fn answer(self, state: State) -> Diagnosis {
         let balance = self.balance;
-        let (state, doubt) = settled(balance, state);
+        let (state, doubt, _) = determined(balance, state);
         let level = self.level(&state);
         let absent = absent(balance, &state, &doubt, level);
         let mut found = self.found(&state, &doubt, &absent, level);
@@ -108,10 +100,10 @@ impl Case<'_> {
         // The model says how much it leaves, and no more is left.
         let of_start = rest(balance, self.start);
         let as_stated = self.stated_rest_n > 0.0 && !of_start.is_left(self.stated_rest_n);
-        let mut doubt_told = doubt.clone();
+        let mut settled = doubt.clone();
         if as_stated {
             found.clear();
-            doubt_told = numbers::doubt(balance, self.start, &of_start);
+            settled = numbers::doubt(balance, self.start, &of_start);
         }
         let said: Vec<Number> = absent.iter().map(|a| a.number).collect();
         let (design, beta) = fit_without(self.start, &said);
@@ -129,7 +121,7 @@ impl Case<'_> {
         let says = state_n < thrust_n && (!is_left || share > Criteria::STANDARD.named_share);
         let named = !found.is_empty() && says;
         let of = if as_stated { self.start } else { &state };
-        let told_wrong = self.all_corrections(of, &doubt_told);
+        let told_wrong = self.all_corrections(of, &settled);
         let bent = self.out_of_budget && found.is_empty() && !told_wrong.is_empty();
         let unexplained = is_left && !named || bent;
         let corrections = if unexplained { Vec::new() } else { told_wrong.clone() };
@@ -144,7 +136,7 @@ impl Case<'_> {
         let first = asserted.first().map(|f| f.named);
         let findings = self.findings(asserted, (&state, &unsaid), &left);
         let said = (&findings[..], &corrections[..]);
-        let model = self.model(verdict, (of, &doubt_told), said, (&left, is_left));
+        let model = self.model(verdict, (of, &settled), said, (&left, is_left));
         let written = (&state, &numbers::with_none(&state, &unsaid, &beta)[..]);
         let series = residuals(balance, (self.start, &stated_beta(balance, self.start)), written);
         let axes = [

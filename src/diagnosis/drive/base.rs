@@ -112,7 +112,6 @@ fn columns_of_laws(
         let one = a.is_one_column();
         out.bounds.extend(match a.hypothesis {
             // Numbers have moved beside it: what is not one now is not the law.
-            _ if a.held => vec![[1.0, 1.0]],
             h if (h.is_whole() || a.moves_with_numbers()) && a.given.is_none() => vec![[1.0, 1.0]],
             _ if one => vec![FREE],
             _ => amplitude_bounds(&a.hypothesis, time.len()),

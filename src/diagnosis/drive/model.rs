@@ -5,7 +5,7 @@ use super::laws::Effect;
 use super::number::INERTIA;
 use super::numbers::{Beside, Doubt, beside, common_scale};
 use super::rest::Rest;
-use super::state::{Balance, State};
+use super::state::State;
 use crate::diagnosis::criteria::Criteria;
 use crate::diagnosis::result::{Correction, Finding, Verdict};
 use crate::plant::drive::{DriveParams, Structure};
@@ -55,8 +55,10 @@ impl Case<'_> {
             return machine;
         }
         let mut axis = self.recalibrated(state, doubt, corrections);
-        for law in &state.accepted {
-            if let Some(index) = law.given {
+        for (law, sd) in state.accepted.iter().zip(&doubt.laws) {
+            if let Some(index) = law.given
+                && is_other_size(law.scale, sd.amplitudes.first().copied().unwrap_or(0.0))
+            {
                 scale_term(&mut axis.physics[index], law.scale);
             }
         }
@@ -82,19 +84,6 @@ impl Case<'_> {
         }
         machine
     }
-}
-
-/// The state in which each stated law whose size the recordings tell worse than a model does, and not to be
-/// another, stands as it is stated: what was found beside it goes with the model that is written.
-pub(super) fn with_untold_as_stated(balance: &Balance, mut state: State, doubt: &Doubt) -> State {
-    let mut any = false;
-    for (law, sd) in state.accepted.iter_mut().zip(&doubt.laws) {
-        let deviation = sd.amplitudes.first().copied().unwrap_or(0.0);
-        let told = deviation < Criteria::STANDARD.damping_tolerance || is_other_size(law.scale, deviation);
-        law.held = law.given.is_some() && !told;
-        any |= law.held;
-    }
-    if any { state.rebuilt(balance) } else { state }
 }
 
 /// True where a stated law has another size.
