@@ -201,8 +201,8 @@ impl SubBand {
         if known { (CRITERIA.stable_share * now.mean_n).powi(2) } else { f64::INFINITY }
     }
 
-    /// Whether a tool is in the cut, by its mean force. Where none was seen to enter, it is none unless it stands
-    /// above the noise of the sensor, whose zero may be off, and above all that the band does.
+    /// Whether a tool is in the cut, by its mean force. Where none was seen to enter, it is none unless it
+    /// stands above the noise of the sensor, whose zero may be off, and above all that the band does.
     fn cuts(state: &SubBandState, now: &Conditions) -> bool {
         let pushes = now.mean_n > CRITERIA.over_whole * state.whole_n2.max(state.sensor_n2).sqrt();
         now.mean != MeanForce::Absent && (state.in_cut || pushes)
