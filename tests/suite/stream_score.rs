@@ -65,10 +65,10 @@ pub(crate) fn score(kind: Kind, seeds: std::ops::Range<u64>) -> Score {
     score
 }
 
-/// From the onset, s, until no test of one false alarm in 1000 h can be surer, not even one that knows the line
-/// beforehand: the log-likelihood ratio of a line of amplitude A in noise of one-sided density S gathers as
-/// the integral of A^2/(2 S). Its place, its amplitude and the noise of the second before it are measured in the
-/// force: the noise by its median in 40 Hz, of which the orders are few.
+/// From the onset, s, until no test of one false alarm in 1000 h can be surer, not even one that knows the
+/// line beforehand: the log-likelihood ratio of a line of amplitude A in noise of one-sided density S gathers
+/// as the integral of A^2/(2 S). Its place, its amplitude and the noise of the second before it are measured
+/// in the force: the noise by its median in 40 Hz, of which the orders are few.
 fn bound_s(made: &Stream, episode: &Episode) -> f64 {
     const NATS: f64 = 24.0;
     const BLOCK_S: f64 = 0.01;

@@ -62,8 +62,8 @@ fn read_law(
     let law = read.and_then(|controller| replay(controller, period_s, records));
     let best = |law: &Replay| law.share.iter().copied().fold(f64::INFINITY, f64::min);
     law.filter(|law| best(law) < Criteria::STANDARD.law_share).ok_or_else(|| {
-        "the model states no controller, and in the first 40 000 rows the recorded reference follows no law of \
-         a position gain, a velocity gain and an integral from the command and the positions as recorded"
+        "the model states no controller, and in the first 40 000 rows the recorded reference follows no law \
+         of a position gain, a velocity gain and an integral from the command and the positions as recorded"
             .to_owned()
     })
 }

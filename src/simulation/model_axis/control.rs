@@ -129,8 +129,8 @@ pub fn replay(controller: Controller, period_s: f64, records: &[LoopRecord]) -> 
 }
 
 /// Gains and filter of the law that says one of the recordings best, from what they hold alone: where a model
-/// states no controller. `mass_kg`: all that moves; `per_unit`: thrust of a unit of the reference, N. `None`: no
-/// recording has a moving reference that such a law, with gains above zero, says at all.
+/// states no controller. `mass_kg`: all that moves; `per_unit`: thrust of a unit of the reference, N. `None`:
+/// no recording has a moving reference that such a law, with gains above zero, says at all.
 ///
 /// Linear least squares of the two gains beside each filter and integral that is tried, those by a pattern
 /// search. Errors: none. Checked by: `model_axis::the_law_is_read_from_a_recorded_loop`.
@@ -169,8 +169,8 @@ impl ReadLaw {
     /// Rows of a recording that it is read from.
     const MOST_ROWS: usize = 40_000;
 
-    /// The best that lies around the best integral of each filter, and around its mirror: where motor and stage
-    /// go together, position gain and integral may stand for one another.
+    /// The best that lies around the best integral of each filter, and around its mirror: where motor and
+    /// stage go together, position gain and integral may stand for one another.
     fn search(period_s: f64, r: &LoopRecord) -> Option<Self> {
         let integrals_1_s = [0.0, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0];
         let fit = |at: (f64, f64)| Self::fit(period_s, r, at);
