@@ -39,7 +39,7 @@ pub(super) fn closed_loop(
         let trial = trial((k, &records[k], &law), stated, &signals.tracks[k], (period_s, state.now.timing_s));
         simulated(signals, axes, (k, &records[k], &trial), law.share[k] > Criteria::STANDARD.law_share)
     });
-    let law_share = law.share.iter().copied().fold(f64::INFINITY, f64::min);
+    let law_share = law.least_share();
     let read = stated.controller.is_none().then_some(law.law.controller);
     if read.is_some() && trials.iter().any(|t| !t.thrust_rms_n[2].is_finite()) {
         return Err(
@@ -60,8 +60,7 @@ fn read_law(
     let per_unit = signals.tracks.first().map_or(1.0, |t| t.reference.per_unit);
     let read = read_controller((found.drive.total_mass_kg(), per_unit), period_s, records);
     let law = read.and_then(|controller| replay(controller, period_s, records));
-    let best = |law: &Replay| law.share.iter().copied().fold(f64::INFINITY, f64::min);
-    law.filter(|law| best(law) < Criteria::STANDARD.law_share).ok_or_else(|| {
+    law.filter(|law| law.least_share() < Criteria::STANDARD.law_share).ok_or_else(|| {
         "the model states no controller, and in the first 40 000 rows the recorded reference follows no law \
          of a position gain, a velocity gain and an integral from the command and the positions as recorded"
             .to_owned()
@@ -88,7 +87,7 @@ fn record(axis: &AxisModel, recording: &Recording) -> Result<LoopRecord, String>
 /// The law that acted, or why the stated one did not.
 fn law_of(controller: Controller, period_s: f64, records: &[LoopRecord]) -> Result<Replay, String> {
     let replay = replay(controller, period_s, records).ok_or("no recording has a reference that changes")?;
-    let best = replay.share.iter().copied().fold(f64::INFINITY, f64::min);
+    let best = replay.least_share();
     if best > Criteria::STANDARD.law_share {
         return Err(format!(
             "the stated control law leaves {:.0} % of the recorded reference unsaid: gains, filter, order of \

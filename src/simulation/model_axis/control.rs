@@ -92,6 +92,14 @@ pub struct Replay {
     pub share: Vec<f64>,
 }
 
+impl Replay {
+    /// Share that the law leaves in the recording that it says best.
+    #[must_use]
+    pub fn least_share(&self) -> f64 {
+        self.share.iter().copied().fold(f64::INFINITY, f64::min)
+    }
+}
+
 /// Lets the law act on the recorded command and positions and compares with the recorded reference.
 ///
 /// The gain, and what the controller's keys leave open, are taken from the recording that a law says best; a
