@@ -1,11 +1,11 @@
-//! What makes a recording useless before any physics is asked for: nothing moves, a sign, a unit.
+//! What is settled before any physics is asked for: that something moves, signs, units, the lead.
 //!
 //! Seen on means over blocks of 10 ms: slow enough that neither an encoder's steps nor a resonance count.
 
-use super::DiagnoseError;
-use super::criteria::Criteria;
+use super::criteria::{Criteria, Z95};
 use super::cuts::Mask;
 use super::drive::recorded::{is_locked, position, span, thrust};
+use super::{Correction, DiagnoseError};
 use crate::plant::machine::AxisModel;
 use crate::sample::Recording;
 use crate::signal::inner_products::dot;
@@ -36,6 +36,31 @@ pub(super) fn check(
         look.check_sign()
     })?;
     Ok(stands)
+}
+
+/// The lead with which the motor's angle and the scale have one travel, where that is another than stated and
+/// no unit explains it: told by the recording that knows it best, and by none otherwise.
+///
+/// `masks`: as for [`check`].
+pub(super) fn other_lead(axis: &AxisModel, recordings: &[Recording], masks: &[Mask]) -> Option<Correction> {
+    let stated_m = axis.drive.screw_lead_m()?;
+    let mask = |k: usize| masks.get(k).map_or(&[][..], Vec::as_slice);
+    let looks = recordings.iter().enumerate().filter_map(|(k, r)| Look::new(axis, r, mask(k)));
+    let all: Vec<Travel> = looks.filter_map(|l| l.travel()).collect();
+    let best = all.iter().min_by(|a, b| a.half.total_cmp(&b.half))?;
+    let off = |ratio: f64| (ratio - 1.0).abs() > Criteria::STANDARD.travel_off;
+    let one = all.iter().all(|t| !off(t.ratio / best.ratio));
+    let angle = format!("{}_motor_angle_rad", axis.name);
+    let by_angle = recordings.iter().all(|r| r.get(&angle).is_some());
+    let is_lead = by_angle && one && off(best.ratio) && unit_for(best.ratio).is_none();
+    let value = stated_m / best.ratio;
+    is_lead.then(|| Correction::within("screw_lead_m", stated_m, value, value * best.half / best.ratio))
+}
+
+/// Travel of the motor over that of the stage, and half of its 95 % interval.
+struct Travel {
+    ratio: f64,
+    half: f64,
 }
 
 /// One recording in blocks, each series about its mean.
@@ -81,9 +106,10 @@ impl<'a> Look<'a> {
             && self.stage_m.as_ref().is_none_or(|x| still(x, d.stage_encoder_resolution_m()))
     }
 
-    /// Both encoders see one travel: another unit, a wrong lead or a turned sign shows in their ratio.
-    fn check_travel(&self) -> Result<(), DiagnoseError> {
-        let Some(stage_m) = &self.stage_m else { return Ok(()) };
+    /// Of both encoders, where they have one form: the stretch, as the thrust has it, aside. What is left of
+    /// the motor's travel counts whole, since it is no noise.
+    fn travel(&self) -> Option<Travel> {
+        let stage_m = self.stage_m.as_ref()?;
         let (c, d) = (&Criteria::STANDARD, &self.axis.drive);
         let stretch_m =
             if d.axial_stiffness_n_m() > 0.0 { span(&self.thrust_n) / d.axial_stiffness_n_m() } else { 0.0 };
@@ -91,21 +117,34 @@ impl<'a> Look<'a> {
         // What stretch and steps may be of it is what the ratio may be off by.
         let least_m = c.tells_m.max(stretch_m.max(step_m) / c.travel_off);
         if span(&self.motor_m) < least_m && span(stage_m) < least_m || is_locked(self.axis, self.recording) {
-            return Ok(());
+            return None;
         }
-        let [both, motor, stage] =
-            [(&self.motor_m, stage_m), (&self.motor_m, &self.motor_m), (stage_m, stage_m)]
-                .map(|(a, b)| dot(a, b));
-        let ratio = both / stage;
-        if both * both < (1.0 - c.travel_off) * motor * stage || (ratio - 1.0).abs() <= c.travel_off {
-            return Ok(());
+        let along = |of: &[f64], by: &[f64]| dot(of, by) / dot(by, by).max(f64::MIN_POSITIVE);
+        let without = |of: &[f64], by: &[f64]| -> Vec<f64> {
+            let share = along(of, by);
+            of.iter().zip(by).map(|(of, by)| of - share * by).collect()
+        };
+        let [motor, stage] = [&self.motor_m, stage_m].map(|x| without(x, &self.thrust_n));
+        let ratio = along(&motor, &stage);
+        let left = without(&motor, &stage);
+        let told = dot(&left, &left) <= c.travel_off * dot(&motor, &motor);
+        let half = Z95 * (dot(&left, &left) / dot(&stage, &stage).max(f64::MIN_POSITIVE)).sqrt();
+        told.then_some(Travel { ratio, half })
+    }
+
+    /// Both encoders see one travel: another unit, a wrong scale or a turned sign shows in their ratio.
+    fn check_travel(&self) -> Result<(), DiagnoseError> {
+        match self.travel() {
+            Some(Travel { ratio, .. }) if (ratio - 1.0).abs() > Criteria::STANDARD.travel_off => {
+                Err(DiagnoseError::TravelRatio {
+                    recording: self.recording.experiment.clone(),
+                    axis: self.axis.name.clone(),
+                    ratio,
+                    hint: unit_for(ratio).unwrap_or("check screw_lead_m and the units of both columns"),
+                })
+            }
+            _ => Ok(()),
         }
-        Err(DiagnoseError::TravelRatio {
-            recording: self.recording.experiment.clone(),
-            axis: self.axis.name.clone(),
-            ratio,
-            hint: hint(ratio),
-        })
     }
 
     /// Thrust and motion belong together by the stated mass and friction; with the sign of one of them turned
@@ -158,11 +197,11 @@ fn about_mean(x: Vec<f64>) -> Vec<f64> {
     x.iter().map(|v| v - mean).collect()
 }
 
-/// What a ratio of travels looks like.
-fn hint(ratio: f64) -> &'static str {
+/// What a ratio of travels looks like that is no matter of the lead.
+fn unit_for(ratio: f64) -> Option<&'static str> {
     let near = |of: f64| (ratio.abs() / of - 1.0).abs() < Criteria::STANDARD.travel_off;
     let degrees = 180.0 / std::f64::consts::PI;
-    if ratio < 0.0 {
+    Some(if ratio < 0.0 {
         "one of the two counts in the other direction"
     } else if near(degrees) {
         "is the motor's angle in degrees instead of rad?"
@@ -171,10 +210,10 @@ fn hint(ratio: f64) -> &'static str {
     } else if near(1e-3) {
         "is the stage's position in mm instead of m?"
     } else if near(1e3) {
-        "is the motor's position in mm instead of m?"
+        "is the motor's position, or the lead, in mm instead of m?"
     } else {
-        "check screw_lead_m and the units of both columns"
-    }
+        return None;
+    })
 }
 
 #[cfg(test)]

@@ -411,6 +411,20 @@ impl Diagnosis {
         self.left_out.iter().filter_map(|k| all.get(*k).cloned()).collect()
     }
 
+    /// The answer of an axis whose lead was put right first.
+    pub(super) fn correct_lead(&mut self, lead: Correction) {
+        if self.verdict == Verdict::ModelAdequate {
+            self.verdict = Verdict::ParameterError;
+        }
+        self.notes.push(format!(
+            "By the stated screw_lead_m the motor travels {:.4} times as far as the stage. This is an answer \
+             for a lead of {:.6} m; an angle or a scale that is logged off by that factor looks the same.",
+            lead.nominal / lead.value,
+            lead.value
+        ));
+        self.parameter_corrections.insert(0, lead);
+    }
+
     /// The answer where no recording tells anything of the drive: the model as it is, and why.
     pub(super) fn without_evidence(machine: &Machine, recordings: usize, why: String) -> Self {
         Self {

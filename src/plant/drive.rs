@@ -45,6 +45,7 @@ impl RawDriveParams {
     pub fn number_mut(&mut self, key: &str) -> Option<&mut Option<f64>> {
         Some(match key {
             "movable_mass_kg" => &mut self.movable_mass_kg,
+            "screw_lead_m" => &mut self.screw_lead_m,
             "rotary_inertia_kg_m2" => &mut self.rotary_inertia_kg_m2,
             "torque_constant_nm_a" => &mut self.torque_constant_nm_a,
             "axial_stiffness_n_m" => &mut self.axial_stiffness_n_m,
