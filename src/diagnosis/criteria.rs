@@ -90,6 +90,8 @@ criteria! {
     band_hz: f64 = 800.0,
     /// The same as a share of the rate: of two positions, and of one, which has no resonance in it.
     band_share: [f64; 2] = [0.08, 0.1],
+    /// Band of a speed at most, as a share of the rate: the kernel of its low-pass is smooth over samples.
+    velocity_share: f64 = 0.2,
     /// Highest frequency looked at over the pass band: what a kernel that is half there still tells.
     top: f64 = 1.1875,
     /// Share of the excess above the floor that the stated band holds.

@@ -22,6 +22,7 @@ mod deploy;
 mod evidence;
 #[cfg(feature = "service")]
 mod faults;
+mod first_user;
 #[cfg(feature = "nats")]
 mod fleet;
 mod force;

@@ -46,15 +46,21 @@ impl<'a> Bands<'a> {
         drive.raw().friction_smoothing_m_s.unwrap_or(drive.friction_smoothing_m_s().max(of_steps_m_s))
     }
 
-    /// Of two positions: steps narrow the band before they widen the speed.
+    /// Of two positions: steps narrow the band before they widen the speed. It is wider than the balance's
+    /// where the low-pass makes it and steps do not bend friction there: noise of n makes tanh(u) less by
+    /// n^2 tanh''(u) / 2, by 0.385 n^2 at most.
     pub(super) fn of_two(&self) -> Turning {
+        let c = &Criteria::STANDARD;
         let [motor, stage] = self.of_step;
         let coarser = if stage.step_m > motor.step_m { stage } else { motor };
-        let share = Criteria::STANDARD.step_share;
-        let at_least = |hz: f64| self.smoothing_m_s(coarser.at_m_s(hz) / share);
+        let at_least = |hz: f64| self.smoothing_m_s(coarser.at_m_s(hz) / c.step_share);
         let smoothing_m_s = at_least(self.least_hz.min(self.band_hz));
-        let clean_hz =
-            |s: &SpeedOfStep| s.band_hz(share * smoothing_m_s).max(self.narrowest_hz).min(self.band_hz);
+        let noisier_hz = |s: &SpeedOfStep, share: f64| s.band_hz(share * smoothing_m_s);
+        let clean_hz = |s: &SpeedOfStep| {
+            let own_hz = noisier_hz(s, c.step_share).max(self.narrowest_hz).min(self.band_hz);
+            let widest_hz = c.velocity_share * s.rate_hz;
+            own_hz.max(noisier_hz(s, (c.exactness / 0.385).sqrt()).min(widest_hz))
+        };
         Turning {
             velocity_hz: self.of_step.each_ref().map(clean_hz),
             smoothing_m_s: smoothing_m_s.max(at_least(clean_hz(coarser))),

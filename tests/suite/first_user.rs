@@ -1,0 +1,78 @@
+//! A first-time user's model: numbers guessed, frictions and delays not in it.
+
+use crate::own_drive::assert_written;
+use stillcut::diagnosis::{Correction, Diagnosis, Verdict, diagnose};
+use stillcut::plant::drive::{DriveParams, RawDriveParams};
+use stillcut::plant::machine::Machine;
+use stillcut::sample::Recording;
+use stillcut::simulation::concealed_axis::{CaseSpec, conceal};
+
+/// Recordings of a healthy axis with these numbers, and its model.
+fn healthy(seed: u64, change: impl Fn(&mut RawDriveParams)) -> (Machine, Vec<Recording>) {
+    let machine = restated(&super::conceal::model(), change);
+    let spec = CaseSpec { seed, ..CaseSpec::default() };
+    let case = conceal(&machine.axes[0], machine.sample_rate, &spec).unwrap();
+    (case.model, case.recordings)
+}
+
+/// The machine with its axis' numbers changed.
+fn restated(machine: &Machine, change: impl Fn(&mut RawDriveParams)) -> Machine {
+    let mut machine = machine.clone();
+    let mut raw = machine.axes[0].drive.raw().clone();
+    change(&mut raw);
+    machine.axes[0].drive = DriveParams::new(raw).unwrap();
+    machine
+}
+
+fn correction<'a>(d: &'a Diagnosis, name: &str) -> Option<&'a Correction> {
+    d.parameter_corrections.iter().find(|c| c.name == name)
+}
+
+/// Motor and scale disagree about the travel: once that was refused, now it is a wrong number, and nothing
+/// else is wrong beside it.
+#[test]
+fn a_lead_that_is_off_by_two_is_put_right() {
+    let (machine, recordings) = healthy(12, |_| {});
+    let true_m = machine.axes[0].drive.screw_lead_m().unwrap();
+    for off in [0.5, 2.0] {
+        let guessed = restated(&machine, |raw| raw.screw_lead_m = Some(off * true_m));
+        let d = diagnose(&guessed, &recordings[2..], &|_, _| {}).unwrap();
+        assert_eq!(d.verdict, Verdict::ParameterError, "{off}: {:?}", d.notes);
+        assert!(d.findings.is_empty(), "{off}: {:?}", d.findings);
+        assert_eq!(d.parameter_corrections.len(), 1, "{off}: {:?}", d.parameter_corrections);
+        let lead = correction(&d, "screw_lead_m").unwrap();
+        assert!((lead.ci95[0]..=lead.ci95[1]).contains(&true_m), "{off}: {lead:?}");
+        assert!(lead.ci95[1] - lead.ci95[0] < 1e-3 * true_m, "{off}: {lead:?}");
+        assert!(d.notes.iter().any(|n| n.contains("screw_lead_m")), "{:?}", d.notes);
+        assert_written(&d);
+    }
+}
+
+/// Nobody states over which speed friction turns. Where the usual one was kept and the next one that was asked
+/// about was 0.4 of it, friction of another speed was taken for a fall with speed and for negative damping.
+#[test]
+fn frictions_that_are_left_out_are_found_though_they_turn_over_a_speed_that_nobody_states() {
+    let (machine, recordings) = healthy(12, |raw| raw.friction_smoothing_m_s = Some(1.6e-4));
+    let bare = restated(&machine, |raw| {
+        raw.friction_smoothing_m_s = None;
+        raw.stage_coulomb_friction_n = None;
+        raw.motor_coulomb_friction_n = None;
+        raw.translational_damping_n_s_m = None;
+        raw.rotary_damping_nm_s_rad = None;
+    });
+    let d = diagnose(&bare, &recordings, &|_, _| {}).unwrap();
+    assert_eq!(d.verdict, Verdict::MissingPhysics, "{:?}", d.notes);
+    let named: Vec<(&str, &str)> = d.findings.iter().map(|f| (f.effect.name(), f.port.name())).collect();
+    let drive = &machine.axes[0].drive;
+    let dry = [("stage", drive.stage_coulomb_friction_n()), ("motor", drive.motor_coulomb_friction_n())];
+    for (port, force_n) in dry {
+        let found =
+            d.findings.iter().find(|f| f.effect.name() == "coulomb_friction" && f.port.name() == port);
+        let found = &found.unwrap_or_else(|| panic!("{port}: {named:?}")).parameters[0];
+        assert!((found.ci95[0]..=found.ci95[1]).contains(&force_n), "{port}: {found:?} for {force_n} N");
+        assert!((found.value / force_n - 1.0).abs() < 0.05, "{port}: {found:?} for {force_n} N");
+    }
+    let friction = ["coulomb_friction", "viscous_friction"];
+    assert!(named.iter().all(|(effect, _)| friction.contains(effect)), "{named:?}");
+    assert!(d.parameter_corrections.is_empty(), "{:?}", d.parameter_corrections);
+}
