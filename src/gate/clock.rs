@@ -9,6 +9,8 @@ use super::work::{Told, Work};
 
 /// Rows between -3 dB of [`smooth`] and the rate: 0.26 / f_c.
 const SMOOTH_ROWS: f64 = 0.26;
+/// What a drive is held against: a constant, dry friction, a damper, inertia, a spring.
+const COLUMNS: usize = 5;
 
 /// Tells delays of speeds, and moves a position or a drive column that no physics delays so.
 pub(super) fn offsets(work: &mut Work<'_>, axis: &AxisColumns) {
@@ -166,10 +168,10 @@ fn half_width(work: &Work<'_>, cutoff_hz: f64) -> usize {
     (0.5 * (SMOOTH_ROWS * rate_hz / cutoff_hz - 1.0)).round().max(1.0) as usize
 }
 
-/// The drive against (a, v, sgn v, 1) of the motion, both in the slow band, at rows that move.
+/// The drive against (x, a, v, sgn v, 1) of the motion, both in the slow band, at rows that move.
 struct Balance {
     /// Orthonormal columns, one row each place.
-    basis: Vec<[f64; 4]>,
+    basis: Vec<[f64; COLUMNS]>,
     places: Vec<usize>,
     /// Drive, smoothed.
     drive: Vec<f64>,
@@ -190,14 +192,16 @@ impl Balance {
             .step_by(apart)
             .filter(|i| !motion.rests(*i) && work.usable[i - half..i + half].iter().all(|u| *u))
             .collect();
-        let mut columns: [Vec<f64>; 4] = [
+        // Beside a spring: moved by a quarter of its period its force is friction.
+        let mut columns: [Vec<f64>; COLUMNS] = [
             places.iter().map(|_| 1.0).collect(),
             places.iter().map(|i| v[*i].signum()).collect(),
             places.iter().map(|i| v[*i]).collect(),
             places.iter().map(|i| a[*i]).collect(),
+            places.iter().map(|i| x[*i]).collect(),
         ];
         orthonormal(&mut columns);
-        let basis = (0..places.len()).map(|k| [0, 1, 2, 3].map(|c| columns[c][k])).collect();
+        let basis = (0..places.len()).map(|k| std::array::from_fn(|c| columns[c][k])).collect();
         let time_s = (places.len() * apart) as f64 * dt;
         let cutoff_hz = work.criteria.slow_hz.min(0.1 / dt);
         let independent = 2.0 * cutoff_hz * time_s;
@@ -213,7 +217,7 @@ impl Balance {
     fn powers(&self, rows: isize) -> Powers {
         let u: Vec<f64> = self.places.iter().map(|i| self.drive[i.saturating_add_signed(rows)]).collect();
         let middle = mean(&u);
-        let mut on = [0.0; 4];
+        let mut on = [0.0; COLUMNS];
         let mut all = 0.0;
         for (u, basis) in u.iter().zip(&self.basis) {
             let u = u - middle;
@@ -236,8 +240,8 @@ struct Powers {
 }
 
 /// Gram-Schmidt, in place; a column that depends on the ones before becomes zero.
-fn orthonormal(columns: &mut [Vec<f64>; 4]) {
-    for k in 0..4 {
+fn orthonormal(columns: &mut [Vec<f64>; COLUMNS]) {
+    for k in 0..COLUMNS {
         let (done, rest) = columns.split_at_mut(k);
         let own = &mut rest[0];
         let size: f64 = own.iter().map(|v| v * v).sum();
@@ -270,11 +274,12 @@ fn drive_offset(work: &Work<'_>, axis: &AxisColumns, drive: usize) -> Option<f64
     // Interval of the delay: where F of one number is below its quantile; zero must lie outside.
     let outside = now.left > m * (1.0 + c.delay_f / balance.independent);
     // Springs, mounts and forces over position lead as well, and a move takes a part of them.
-    let least_gain = if late_s > 0.0 { c.delay_gain } else { c.early_gain };
-    let seen = now.left - m > least_gain * now.left && outside;
-    let has_inertia = best.inertia >= c.delay_inertia * best.all;
+    let gains = |share: f64| now.left - m > share * now.left && outside;
+    let seen = gains(if late_s > 0.0 { c.delay_gain } else { c.early_gain });
+    // Where friction is nearly all of the drive, as in a slow sweep, its turns tell the time.
+    let tells = best.inertia >= c.delay_inertia * best.all || gains(c.early_gain);
     let physics = if late_s > 0.0 { late_s <= c.late_s || rows <= c.late_rows } else { -late_s <= c.early_s };
-    if !seen || !has_inertia || physics {
+    if !seen || !tells || physics {
         return None;
     }
     Some(rows)

@@ -557,6 +557,47 @@ fn a_force_that_leads_is_another_clock_where_that_explains_most() {
     assert!(!early(60.0));
 }
 
+/// Where friction is nearly all of the drive its turns tell the time, though inertia is too little to. A spring
+/// that is moved by a quarter of its period looks like friction.
+#[test]
+fn friction_alone_has_a_clock_and_a_spring_has_none() {
+    let told = |force: &dyn Fn(f64, f64) -> f64, rows: usize| {
+        let mut logged = drive();
+        let x = logged.recording.get(POSITION).unwrap().to_vec();
+        let speed = |i: usize| {
+            let (from, to) = (i.saturating_sub(5), (i + 5).min(x.len() - 1));
+            (x[to] - x[from]) * RATE_HZ / (to - from) as f64
+        };
+        let u = values(&mut logged, THRUST);
+        for (i, u) in u.iter_mut().enumerate() {
+            *u = force(x[i], speed(i)) + 0.5 * ((i * i) as f64).sin();
+        }
+        u.rotate_right(rows);
+        named(&gate(&logged).faults).contains(&("clock_offset", THRUST))
+    };
+    let friction = |_: f64, v: f64| 40.0 * (v / 2e-3).tanh();
+    assert!(told(&friction, 9));
+    assert!(!told(&friction, 0));
+    assert!(!told(&|x, _| 2000.0 * x, 0));
+}
+
+/// The same of a motion of one frequency, in which a spring is a mass of the other sign.
+#[test]
+fn a_spring_that_swings_has_no_clock() {
+    for hz in [5.0, 10.0] {
+        let mut logged = drive();
+        let swing = |i: usize| 0.01 * (std::f64::consts::TAU * hz * i as f64 / RATE_HZ).sin();
+        for (i, x) in values(&mut logged, POSITION).iter_mut().enumerate() {
+            *x = (swing(i) / STEP_M).round() * STEP_M;
+        }
+        for (i, u) in values(&mut logged, THRUST).iter_mut().enumerate() {
+            *u = 4000.0 * swing(i) + 0.5 * ((i * i) as f64).sin();
+        }
+        let gated = gate(&logged);
+        assert!(!named(&gated.faults).contains(&("clock_offset", THRUST)), "{hz} Hz: {:?}", gated.faults);
+    }
+}
+
 /// Of two positions the one against which the drive works is turned, whichever it is.
 #[test]
 fn an_encoder_that_counts_the_other_way_round_is_turned() {
