@@ -59,6 +59,11 @@ impl Balance {
         out
     }
 
+    /// True where two positions are recorded and nobody states when each was read.
+    pub(super) fn asks_encoder_timing(&self) -> bool {
+        self.signals.layout == Layout::TwoPositions && self.stage_later_s.is_some()
+    }
+
     /// The numbers that this balance has.
     pub(super) fn numbers(&self) -> Vec<Number> {
         let mut numbers = match self.signals.layout {
@@ -80,8 +85,7 @@ impl Balance {
                 vec![N::StageMass, N::StageDamping, N::StageCoulomb, N::Timing, N::Stiffness, N::Zero]
             }
         };
-        let two = self.signals.layout == Layout::TwoPositions;
-        numbers.extend((two && self.stage_later_s.is_some()).then_some(N::EncoderTiming));
+        numbers.extend(self.asks_encoder_timing().then_some(N::EncoderTiming));
         let of_motor = numbers.contains(&N::MotorCoulomb);
         let parts = 0..TURNING.len();
         numbers.extend(parts.clone().filter(|_| of_motor).map(N::MotorTurning));

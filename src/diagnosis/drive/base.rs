@@ -83,8 +83,8 @@ fn number_bounds(balance: &Balance, now: &Standing, (number, accepted): (Number,
         N::MotorTurning(_) => [0.0, now.mechanics.motor_coulomb_n],
         N::StageTurning(_) if accepted.iter().any(|a| a.hypothesis.facts().turns_friction) => [0.0, 0.0],
         N::StageTurning(_) => [0.0, now.mechanics.stage_coulomb_n],
-        // Neither a mass nor a spring, a damper or friction is negative.
-        number if number.key().is_some() => POSITIVE,
+        // Where nobody states when encoders are read, that alone tells a damper from K t of a late one.
+        N::MotorDamping | N::StageDamping | N::StructuralDamping if balance.asks_encoder_timing() => POSITIVE,
         _ => FREE,
     }
 }
