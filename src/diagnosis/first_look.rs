@@ -48,11 +48,10 @@ pub(super) fn other_lead(axis: &AxisModel, recordings: &[Recording], masks: &[Ma
     let looks = recordings.iter().enumerate().filter_map(|(k, r)| Look::new(axis, r, mask(k)));
     let all: Vec<Travel> = looks.filter_map(|l| l.travel()).collect();
     let best = all.iter().min_by(|a, b| a.half.total_cmp(&b.half))?;
-    let off = |ratio: f64| (ratio - 1.0).abs() > Criteria::STANDARD.travel_off;
-    let one = all.iter().all(|t| !off(t.ratio / best.ratio));
+    let one = all.iter().all(|t| !is_off(t.ratio / best.ratio));
     let angle = format!("{}_motor_angle_rad", axis.name);
     let by_angle = recordings.iter().all(|r| r.get(&angle).is_some());
-    let is_lead = by_angle && one && off(best.ratio) && unit_for(best.ratio).is_none();
+    let is_lead = by_angle && one && is_off(best.ratio) && unit_for(best.ratio).is_none();
     let value = stated_m / best.ratio;
     is_lead.then(|| Correction::within("screw_lead_m", stated_m, value, value * best.half / best.ratio))
 }
@@ -135,14 +134,12 @@ impl<'a> Look<'a> {
     /// Both encoders see one travel: another unit, a wrong scale or a turned sign shows in their ratio.
     fn check_travel(&self) -> Result<(), DiagnoseError> {
         match self.travel() {
-            Some(Travel { ratio, .. }) if (ratio - 1.0).abs() > Criteria::STANDARD.travel_off => {
-                Err(DiagnoseError::TravelRatio {
-                    recording: self.recording.experiment.clone(),
-                    axis: self.axis.name.clone(),
-                    ratio,
-                    hint: unit_for(ratio).unwrap_or("check screw_lead_m and the units of both columns"),
-                })
-            }
+            Some(Travel { ratio, .. }) if is_off(ratio) => Err(DiagnoseError::TravelRatio {
+                recording: self.recording.experiment.clone(),
+                axis: self.axis.name.clone(),
+                ratio,
+                hint: unit_for(ratio).unwrap_or("check screw_lead_m and the units of both columns"),
+            }),
             _ => Ok(()),
         }
     }
@@ -197,9 +194,14 @@ fn about_mean(x: Vec<f64>) -> Vec<f64> {
     x.iter().map(|v| v - mean).collect()
 }
 
+/// True where two travels are not one.
+fn is_off(ratio: f64) -> bool {
+    (ratio - 1.0).abs() > Criteria::STANDARD.travel_off
+}
+
 /// What a ratio of travels looks like that is no matter of the lead.
 fn unit_for(ratio: f64) -> Option<&'static str> {
-    let near = |of: f64| (ratio.abs() / of - 1.0).abs() < Criteria::STANDARD.travel_off;
+    let near = |of: f64| !is_off(ratio.abs() / of);
     let degrees = 180.0 / std::f64::consts::PI;
     Some(if ratio < 0.0 {
         "one of the two counts in the other direction"

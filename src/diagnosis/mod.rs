@@ -241,10 +241,12 @@ pub fn diagnose_with(
     let counts = |(k, _): &(usize, &Recording)| all_mended || options.mended(*k).is_none();
     one_rate(recordings.iter().enumerate().filter(counts).map(|(_, r)| r))?;
     let cuts = cuts::Cuts::of(recordings, &options.masked);
-    let mut refused: Vec<(String, DiagnoseError)> = Vec::new();
-    for (k, axis) in axes.iter().enumerate() {
-        let lead = first_look::other_lead(axis, recordings, &cuts.masks);
-        let (machine, axis) = &with_lead(machine, axis, lead.as_ref());
+    let mut refused: Vec<(&str, DiagnoseError)> = Vec::new();
+    for (k, stated) in axes.iter().enumerate() {
+        let lead = first_look::other_lead(stated, recordings, &cuts.masks);
+        let put_right = lead.as_ref().map(|lead| with_lead(machine, stated, lead));
+        let (machine, axis) =
+            put_right.as_ref().map_or((machine, *stated), |(machine, axis)| (machine, axis));
         let answer = first_look::check(axis, recordings, &cuts.masks).and_then(|stands| {
             let options = DiagnoseOptions { masked: cuts.masks.clone(), ..options.clone() };
             moving((machine, axis), recordings, options, (&stands, progress))
@@ -258,7 +260,7 @@ pub fn diagnose_with(
             }
             // Nothing to be told of this one; another may move.
             Err(error @ (DiagnoseError::Standing { .. } | DiagnoseError::TooShort { .. })) => {
-                refused.push((axis.name.clone(), error));
+                refused.push((&stated.name, error));
             }
             Err(error) => return Err(error),
         }
@@ -277,10 +279,9 @@ pub fn diagnose_with(
 }
 
 /// Machine and axis with the lead that both encoders show.
-fn with_lead(machine: &Machine, axis: &AxisModel, lead: Option<&Correction>) -> (Machine, AxisModel) {
+fn with_lead(machine: &Machine, axis: &AxisModel, lead: &Correction) -> (Machine, AxisModel) {
     let mut machine = machine.clone();
-    let numbers = lead.into_iter().map(|c| (c.name.as_ref(), c.value));
-    let drive = axis.drive.with_numbers(numbers).unwrap_or_else(|_| axis.drive.clone());
+    let drive = axis.drive.with_numbers([(&*lead.name, lead.value)]).unwrap_or_else(|_| axis.drive.clone());
     let axis = AxisModel { drive, ..axis.clone() };
     machine.axes.iter_mut().filter(|a| a.name == axis.name).for_each(|a| *a = axis.clone());
     (machine, axis)
@@ -356,8 +357,8 @@ fn without<T: Clone>(all: &[T], left_out: &[usize]) -> Vec<T> {
 }
 
 /// What is said where no axis tells anything: that all stand, or why the first that moves does not.
-fn refusal(refused: Vec<(String, DiagnoseError)>) -> DiagnoseError {
-    let names: Vec<&str> = refused.iter().map(|(name, _)| name.as_str()).collect();
+fn refusal(refused: Vec<(&str, DiagnoseError)>) -> DiagnoseError {
+    let names: Vec<&str> = refused.iter().map(|(name, _)| *name).collect();
     let names = names.join(", ");
     let stands = |e: &DiagnoseError| matches!(e, DiagnoseError::Standing { .. });
     let mut errors: Vec<DiagnoseError> = refused.into_iter().map(|(_, error)| error).collect();
@@ -372,12 +373,12 @@ fn refusal(refused: Vec<(String, DiagnoseError)>) -> DiagnoseError {
 fn not_looked_at(
     axis: &AxisModel,
     later: &[&AxisModel],
-    refused: &[(String, DiagnoseError)],
+    refused: &[(&str, DiagnoseError)],
     recorded: &[String],
 ) -> Option<String> {
-    let why = |(name, error): &(String, DiagnoseError)| match error {
-        DiagnoseError::Standing { .. } => (name.clone(), "it stands still"),
-        _ => (name.clone(), "too little of it was measured in motion"),
+    let why = |(name, error): &(&str, DiagnoseError)| match error {
+        DiagnoseError::Standing { .. } => ((*name).to_owned(), "it stands still"),
+        _ => ((*name).to_owned(), "too little of it was measured in motion"),
     };
     let mut others: Vec<(String, &str)> = refused.iter().map(why).collect();
     others.extend(later.iter().map(|a| (a.name.clone(), "a model with that axis alone answers for it")));

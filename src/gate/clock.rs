@@ -10,7 +10,7 @@ use super::work::{Told, Work};
 /// Rows between -3 dB of [`smooth`] and the rate: 0.26 / f_c.
 const SMOOTH_ROWS: f64 = 0.26;
 /// What a drive is held against: a constant, dry friction, a damper, inertia, a spring.
-const COLUMNS: usize = 5;
+type Row = [f64; 5];
 
 /// Tells delays of speeds, and moves a position or a drive column that no physics delays so.
 pub(super) fn offsets(work: &mut Work<'_>, axis: &AxisColumns) {
@@ -171,7 +171,7 @@ fn half_width(work: &Work<'_>, cutoff_hz: f64) -> usize {
 /// The drive against (x, a, v, sgn v, 1) of the motion, both in the slow band, at rows that move.
 struct Balance {
     /// Orthonormal columns, one row each place.
-    basis: Vec<[f64; COLUMNS]>,
+    basis: Vec<Row>,
     places: Vec<usize>,
     /// Drive, smoothed.
     drive: Vec<f64>,
@@ -193,7 +193,7 @@ impl Balance {
             .filter(|i| !motion.rests(*i) && work.usable[i - half..i + half].iter().all(|u| *u))
             .collect();
         // Beside a spring: moved by a quarter of its period its force is friction.
-        let mut columns: [Vec<f64>; COLUMNS] = [
+        let mut columns = [
             places.iter().map(|_| 1.0).collect(),
             places.iter().map(|i| v[*i].signum()).collect(),
             places.iter().map(|i| v[*i]).collect(),
@@ -217,7 +217,7 @@ impl Balance {
     fn powers(&self, rows: isize) -> Powers {
         let u: Vec<f64> = self.places.iter().map(|i| self.drive[i.saturating_add_signed(rows)]).collect();
         let middle = mean(&u);
-        let mut on = [0.0; COLUMNS];
+        let mut on = Row::default();
         let mut all = 0.0;
         for (u, basis) in u.iter().zip(&self.basis) {
             let u = u - middle;
@@ -240,8 +240,8 @@ struct Powers {
 }
 
 /// Gram-Schmidt, in place; a column that depends on the ones before becomes zero.
-fn orthonormal(columns: &mut [Vec<f64>; COLUMNS]) {
-    for k in 0..COLUMNS {
+fn orthonormal(columns: &mut [Vec<f64>]) {
+    for k in 0..columns.len() {
         let (done, rest) = columns.split_at_mut(k);
         let own = &mut rest[0];
         let size: f64 = own.iter().map(|v| v * v).sum();
@@ -274,12 +274,12 @@ fn drive_offset(work: &Work<'_>, axis: &AxisColumns, drive: usize) -> Option<f64
     // Interval of the delay: where F of one number is below its quantile; zero must lie outside.
     let outside = now.left > m * (1.0 + c.delay_f / balance.independent);
     // Springs, mounts and forces over position lead as well, and a move takes a part of them.
-    let gains = |share: f64| now.left - m > share * now.left && outside;
-    let seen = gains(if late_s > 0.0 { c.delay_gain } else { c.early_gain });
     // Where friction is nearly all of the drive, as in a slow sweep, its turns tell the time.
-    let tells = best.inertia >= c.delay_inertia * best.all || gains(c.early_gain);
+    let gains = |share: f64| now.left - m > share * now.left && outside;
+    let has_inertia = best.inertia >= c.delay_inertia * best.all;
+    let seen = gains(c.early_gain) || late_s > 0.0 && has_inertia && gains(c.delay_gain);
     let physics = if late_s > 0.0 { late_s <= c.late_s || rows <= c.late_rows } else { -late_s <= c.early_s };
-    if !seen || !tells || physics {
+    if !seen || physics {
         return None;
     }
     Some(rows)

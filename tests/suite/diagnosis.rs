@@ -207,15 +207,15 @@ fn a_recording_without_the_axis_is_refused() {
     assert!(error.is_err_and(|e| e.contains("x_current_ref_a")));
 }
 
-fn healthy(seed: u64) -> (Machine, Vec<Recording>) {
-    let machine = super::conceal::model();
+/// Recordings of a machine that lacks nothing, and its model.
+pub(crate) fn healthy(machine: &Machine, seed: u64) -> (Machine, Vec<Recording>) {
     let spec = CaseSpec { seed, ..CaseSpec::default() };
     let case = conceal(&machine.axes[0], machine.sample_rate, &spec).unwrap();
     (case.model, case.recordings)
 }
 
 /// The machine with its axis' numbers changed.
-fn restated(machine: &Machine, change: impl Fn(&mut RawDriveParams)) -> Machine {
+pub(crate) fn restated(machine: &Machine, change: impl Fn(&mut RawDriveParams)) -> Machine {
     let mut machine = machine.clone();
     let mut raw = machine.axes[0].drive.raw().clone();
     change(&mut raw);
@@ -225,7 +225,7 @@ fn restated(machine: &Machine, change: impl Fn(&mut RawDriveParams)) -> Machine 
 
 #[test]
 fn motor_and_scale_need_no_common_zero() {
-    let (machine, recordings) = healthy(11);
+    let (machine, recordings) = healthy(&super::conceal::model(), 11);
     let moves = &recordings[2];
     let mut apart = moves.clone();
     for column in apart.columns.iter_mut().filter(|c| c.name.contains("stage") || c.name.contains("cmd")) {
@@ -245,7 +245,7 @@ fn motor_and_scale_need_no_common_zero() {
 
 #[test]
 fn a_delay_that_is_stated_too_long_is_a_wrong_number() {
-    let (machine, recordings) = healthy(12);
+    let (machine, recordings) = healthy(&super::conceal::model(), 12);
     let true_s = machine.axes[0].drive.amplifier_dead_time_s();
     let late = restated(&machine, |raw| raw.amplifier_dead_time_s = Some(true_s + 1.0e-4));
     let d = ask(&late, &recordings[2]);
@@ -258,7 +258,7 @@ fn a_delay_that_is_stated_too_long_is_a_wrong_number() {
 
 /// The moves of a healthy axis with another current, put right to within the noise that was put in.
 fn with_current(change: impl Fn(usize, &[f64]) -> f64) -> Diagnosis {
-    let (machine, recordings) = healthy(12);
+    let (machine, recordings) = healthy(&super::conceal::model(), 12);
     let mut moves = recordings[2].clone();
     let column = moves.columns.iter_mut().find(|c| c.name.contains("current")).unwrap();
     column.values = (0..column.values.len()).map(|k| change(k, &column.values)).collect();
@@ -295,7 +295,7 @@ fn a_line_is_no_fault_before_every_law_was_asked() {
 
 #[test]
 fn a_spent_budget_names_what_was_not_asked_and_calls_no_number_wrong() {
-    let (machine, recordings) = healthy(3);
+    let (machine, recordings) = healthy(&super::conceal::model(), 3);
     let heavier = restated(&machine, |raw| raw.movable_mass_kg = raw.movable_mass_kg.map(|m| 1.3 * m));
     let d = within(0.05, &heavier, &recordings);
     assert!(d.parameter_corrections.is_empty() && d.findings.is_empty(), "{:?}", d.parameter_corrections);
@@ -327,7 +327,7 @@ fn noise_of_a_current_that_moves_nothing_makes_no_mass_and_no_loop() {
 
 #[test]
 fn friction_that_turns_over_another_speed_is_a_wrong_number() {
-    let (machine, recordings) = healthy(12);
+    let (machine, recordings) = healthy(&super::conceal::model(), 12);
     let true_m_s = machine.axes[0].drive.friction_smoothing_m_s();
     let slow = restated(&machine, |raw| raw.friction_smoothing_m_s = Some(2.5 * true_m_s));
     let d = ask(&slow, &recordings[2]);
@@ -399,7 +399,7 @@ fn an_axis_of_three_inertias_that_is_stated_as_such_lacks_nothing() {
 
 #[test]
 fn recordings_of_two_rates_are_refused() {
-    let (machine, mut recordings) = healthy(13);
+    let (machine, mut recordings) = healthy(&super::conceal::model(), 13);
     recordings[1].sample_rate = SampleRate::new(5000.0).unwrap();
     let error = diagnose(&machine, &recordings, &|_, _| {}).map(|d| d.verdict).unwrap_err().to_string();
     assert!(error.contains("sampled at 5000 Hz"), "{error}");
@@ -544,7 +544,7 @@ fn a_rigid_axis_warms_up_by_the_time_since_its_recording_began() {
 /// By the first order a late encoder is damping: of the motor's side less, of the stage's more.
 #[test]
 fn encoders_that_nobody_says_are_read_apart_are_told_and_no_damping_is() {
-    let (machine, recordings) = healthy(12);
+    let (machine, recordings) = healthy(&super::conceal::model(), 12);
     let raw = machine.axes[0].drive.raw().clone();
     let apart_s = 6.0e-5;
     let late: Vec<Recording> = recordings.iter().map(|r| stage_later(r, apart_s)).collect();
@@ -587,7 +587,7 @@ fn stage_later(recording: &Recording, by_s: f64) -> Recording {
 /// whole.
 #[test]
 fn a_recording_that_was_mended_is_left_out_where_others_are_whole() {
-    let (machine, recordings) = healthy(12);
+    let (machine, recordings) = healthy(&super::conceal::model(), 12);
     let sound = diagnose(&machine, &recordings, &|_, _| {}).unwrap();
     assert!(sound.left_out.is_empty() && sound.verdict == Verdict::ModelAdequate);
     let mut bad = recordings.clone();

@@ -1,38 +1,14 @@
 //! A first-time user's model: numbers guessed, frictions and delays not in it.
 
+use crate::diagnosis::{healthy, restated};
 use crate::own_drive::assert_written;
-use stillcut::diagnosis::{Correction, Diagnosis, Verdict, diagnose};
-use stillcut::plant::drive::{DriveParams, RawDriveParams};
-use stillcut::plant::machine::Machine;
-use stillcut::sample::Recording;
-use stillcut::simulation::concealed_axis::{CaseSpec, conceal};
-
-/// Recordings of a healthy axis with these numbers, and its model.
-fn healthy(seed: u64, change: impl Fn(&mut RawDriveParams)) -> (Machine, Vec<Recording>) {
-    let machine = restated(&super::conceal::model(), change);
-    let spec = CaseSpec { seed, ..CaseSpec::default() };
-    let case = conceal(&machine.axes[0], machine.sample_rate, &spec).unwrap();
-    (case.model, case.recordings)
-}
-
-/// The machine with its axis' numbers changed.
-fn restated(machine: &Machine, change: impl Fn(&mut RawDriveParams)) -> Machine {
-    let mut machine = machine.clone();
-    let mut raw = machine.axes[0].drive.raw().clone();
-    change(&mut raw);
-    machine.axes[0].drive = DriveParams::new(raw).unwrap();
-    machine
-}
-
-fn correction<'a>(d: &'a Diagnosis, name: &str) -> Option<&'a Correction> {
-    d.parameter_corrections.iter().find(|c| c.name == name)
-}
+use stillcut::diagnosis::{Verdict, diagnose};
 
 /// Motor and scale disagree about the travel: once that was refused, now it is a wrong number, and nothing
 /// else is wrong beside it.
 #[test]
 fn a_lead_that_is_off_by_two_is_put_right() {
-    let (machine, recordings) = healthy(12, |_| {});
+    let (machine, recordings) = healthy(&super::conceal::model(), 12);
     let true_m = machine.axes[0].drive.screw_lead_m().unwrap();
     for off in [0.5, 2.0] {
         let guessed = restated(&machine, |raw| raw.screw_lead_m = Some(off * true_m));
@@ -40,7 +16,8 @@ fn a_lead_that_is_off_by_two_is_put_right() {
         assert_eq!(d.verdict, Verdict::ParameterError, "{off}: {:?}", d.notes);
         assert!(d.findings.is_empty(), "{off}: {:?}", d.findings);
         assert_eq!(d.parameter_corrections.len(), 1, "{off}: {:?}", d.parameter_corrections);
-        let lead = correction(&d, "screw_lead_m").unwrap();
+        let lead = &d.parameter_corrections[0];
+        assert_eq!(lead.name, "screw_lead_m");
         assert!((lead.ci95[0]..=lead.ci95[1]).contains(&true_m), "{off}: {lead:?}");
         assert!(lead.ci95[1] - lead.ci95[0] < 1e-3 * true_m, "{off}: {lead:?}");
         assert!(d.notes.iter().any(|n| n.contains("screw_lead_m")), "{:?}", d.notes);
@@ -52,7 +29,8 @@ fn a_lead_that_is_off_by_two_is_put_right() {
 /// about was 0.4 of it, friction of another speed was taken for a fall with speed and for negative damping.
 #[test]
 fn frictions_that_are_left_out_are_found_though_they_turn_over_a_speed_that_nobody_states() {
-    let (machine, recordings) = healthy(12, |raw| raw.friction_smoothing_m_s = Some(1.6e-4));
+    let slow = restated(&super::conceal::model(), |raw| raw.friction_smoothing_m_s = Some(1.6e-4));
+    let (machine, recordings) = healthy(&slow, 12);
     let bare = restated(&machine, |raw| {
         raw.friction_smoothing_m_s = None;
         raw.stage_coulomb_friction_n = None;
