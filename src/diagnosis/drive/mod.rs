@@ -179,7 +179,7 @@ pub(in crate::diagnosis) fn diagnose(
         return Ok(answer);
     }
     let mut work = work_of(options, recordings);
-    let (axis, balance) = together(stated, recordings, options, &mut work)?;
+    let (axis, balance, known) = together(stated, recordings, options, &mut work)?;
     let (start, mut notes) = start_of(&axis, &balance);
     if stated.drive.structure() == Structure::Rigid && axis.drive.structure() != Structure::Rigid {
         notes.push(
@@ -191,7 +191,9 @@ pub(in crate::diagnosis) fn diagnose(
     let drive = subject::Drive::new(&balance);
     let clean = drive.without_faults(start.clone(), &mut work);
     let search = |share: f64, what: &str| progress(0.05 + 0.85 * share, what);
-    let mut selected = select(&drive, clean.clone(), Reach::default(), &mut work, &search);
+    let begin = known.beside(&balance, clean.clone());
+    let mut selected = select(&drive, begin, Reach::default(), &mut work, &search);
+    selected.rounds.splice(0..0, known.rounds);
     if let Some(wave) = drive.wave_for_map(&selected.model, &mut work) {
         let reach = Reach::default();
         let stand = wave.model.accepted.iter().filter(|a| a.given.is_none()).count();
@@ -220,33 +222,55 @@ pub(in crate::diagnosis) fn diagnose(
     Ok(diagnosis)
 }
 
+/// What is known of an axis before any law of the machine is asked.
+#[derive(Default)]
+struct Known {
+    standing: Option<state::Standing>,
+    /// In which it was found.
+    rounds: Vec<Round<laws::Hypothesis, state::State>>,
+}
+
+impl Known {
+    /// A state beside that.
+    fn beside(&self, balance: &state::Balance, state: state::State) -> state::State {
+        match &self.standing {
+            Some(known) => state.beside(balance, known, subject::PASSES),
+            None => state,
+        }
+    }
+}
+
 /// The axis with its terms folded into keys, and its balance. Where nobody states when both encoders are read
 /// the positions are taken as they belong together, once the two things are known that bend that most: what
-/// lies between command and thrust. By a first-order law of the damped spring a dead time is structural
-/// damping of the motor's side, and one encoder's delay is that of both, with opposite signs.
+/// lies between command and thrust, and the speed over which friction turns. By a first-order law of the
+/// damped spring a dead time is structural damping of the motor's side, and one encoder's delay is that of
+/// both, with opposite signs; friction that turns too late is a damper between them. Where the delay stays at
+/// its bound the positions are taken as stated.
 fn together(
     stated: &AxisModel,
     recordings: &[Recording],
     options: &DiagnoseOptions,
     work: &mut Work,
-) -> Result<(AxisModel, state::Balance), DiagnoseError> {
+) -> Result<(AxisModel, state::Balance, Known), DiagnoseError> {
     let folded = given::folded(stated);
     let folded = second_mass::two_masses(&folded, recordings).unwrap_or(folded);
     let raw = folded.drive.raw();
     let mut later_s = raw.motor_encoder_delay_s.and(raw.stage_encoder_delay_s).is_none().then_some(0.0);
-    let mut axis = folded.clone();
-    let mut balance = balance_of(&axis, recordings, options, (later_s, false))?;
-    let mut open = balance.numbers().contains(&number::Number::EncoderTiming);
+    let as_stated = balance_of(&folded, recordings, options, (later_s, false))?;
+    let mut open = as_stated.numbers().contains(&number::Number::EncoderTiming);
+    let (mut axis, mut balance, mut known) = (folded.clone(), as_stated, Known::default());
     let mut own = work.half();
     for _ in 0..subject::PASSES {
         if !std::mem::take(&mut open) {
             break;
         }
-        let (start, _) = start_of(&axis, &balance);
-        let path = subject::Drive::of_path(&balance);
-        let known = select(&path, start, Reach::default(), &mut own, &|_, _| {});
+        let start = known.beside(&balance, start_of(&axis, &balance).0);
+        let numbers = subject::Drive::of_numbers(&balance);
+        let found = select(&numbers, start, Reach::default(), &mut own, &|_, _| {});
+        known.standing = Some(found.model.now);
+        known.rounds.extend(found.rounds.into_iter().filter(|round| round.accepted));
         let usual_s = Criteria::STANDARD.timing_deviation / balance.signals.rate_hz;
-        let Some((more_s, deviation_s, at_bound)) = known.model.stage_is_later_s() else { break };
+        let Some((more_s, deviation_s, at_bound)) = found.model.stage_is_later_s() else { break };
         if more_s.abs() < Z95 * usual_s.hypot(deviation_s) {
             break;
         }
@@ -256,5 +280,9 @@ fn together(
         balance = balance_of(&axis, recordings, options, (later_s, false))?;
     }
     work.take_over([&own, &Work::new(0)]);
-    Ok((axis, balance))
+    if open {
+        let as_stated = balance_of(&folded, recordings, options, (Some(0.0), false))?;
+        return Ok((folded, as_stated, Known::default()));
+    }
+    Ok((axis, balance, known))
 }

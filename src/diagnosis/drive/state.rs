@@ -74,6 +74,18 @@ impl State {
         self.built(balance, None)
     }
 
+    /// The same beside what lies between command and thrust, and the speed over which friction turns, as they
+    /// are known.
+    pub(super) fn beside(mut self, balance: &Balance, known: &Standing, passes: usize) -> Self {
+        self.now = Standing {
+            timing_s: self.now.timing_s,
+            mechanics: self.now.mechanics,
+            inertial: self.now.inertial,
+            ..*known
+        };
+        (0..passes).fold(self, |state, _| state.begun(balance))
+    }
+
     fn built(mut self, balance: &Balance, idle: Option<Idle>) -> Self {
         self.base = Arc::new(base(balance, (&self.now, idle), &self.accepted));
         self.take_over();

@@ -7,7 +7,7 @@ use super::gram::{Gram, Part};
 use super::laws::position_dependent_force::{Map, Over};
 use super::laws::{Hypothesis, Shape};
 use super::likelihood::{Design, FREE, values};
-use super::state::{Accepted, Balance, State};
+use super::state::{Accepted, Balance, State, stated_mechanics};
 use crate::diagnosis::criteria::Criteria;
 use crate::diagnosis::selection::{Fitted, Screened, Subject, Work};
 use crate::diagnosis::two_cores::on_two_cores;
@@ -19,16 +19,20 @@ const LONGEST_STEP: f64 = 0.5;
 const HALVINGS: usize = 4;
 /// Gauss-Newton steps at most.
 const STEPS: usize = 8;
-/// Passes in which numbers and shapes follow one another after something was taken up.
+/// A step of all shapes that loses, taken shorter.
+const SHORTER: f64 = 0.2;
+/// Passes in which numbers and balance follow one another before anything is asked.
 pub(super) const PASSES: usize = 6;
+/// The same of numbers and shapes after something was taken up, at most.
+pub(super) const SETTLING: usize = 24;
 
 /// One axis.
 pub(super) struct Drive<'a> {
     pub(super) balance: &'a Balance,
     /// Of the last screening: hypotheses that were asked, largest score of the knockoffs, nats.
     screening: Mutex<(usize, f64)>,
-    /// Hypotheses at this port alone are asked.
-    only: Option<Port>,
+    /// What moves a number, and is no law of the machine, alone is asked about.
+    numbers_alone: bool,
 }
 
 impl<'a> Drive<'a> {
@@ -38,12 +42,12 @@ impl<'a> Drive<'a> {
 
     /// With what chance has reached already.
     pub(super) fn beside_chance(balance: &'a Balance, chance_nats: f64) -> Self {
-        Self { balance, screening: Mutex::new((1, chance_nats)), only: None }
+        Self { balance, screening: Mutex::new((1, chance_nats)), numbers_alone: false }
     }
 
-    /// With what lies between command and thrust alone.
-    pub(super) fn of_path(balance: &'a Balance) -> Self {
-        Self { only: Some(Port::Current), ..Self::new(balance) }
+    /// With what lies between command and thrust, and the speed over which friction turns, alone.
+    pub(super) fn of_numbers(balance: &'a Balance) -> Self {
+        Self { numbers_alone: true, ..Self::new(balance) }
     }
 
     /// What a finding beside a state must exceed, nats.
@@ -55,8 +59,9 @@ impl<'a> Drive<'a> {
     fn refined(&self, state: &State, start: &Hypothesis, work: &mut Work) -> Option<(Hypothesis, Asked)> {
         let asked = work.take(1).then(|| ask(self.balance, state, start, false))?;
         let mut best = Best { balance: self.balance, state: state.clone(), h: *start, asked };
-        // On the grid the amplitude made up for a shape of another size.
-        if best.asked.score < 0.0 && !start.has_dose() {
+        // On the grid the amplitude made up for a shape of another size. Friction that takes the place of
+        // another one begins behind what its forms over speed made up for.
+        if best.asked.score < 0.0 && !start.has_dose() && !start.facts().replaces_friction {
             return Some((best.h, best.asked));
         }
         if let Shape::Map(map) = start.shape {
@@ -130,21 +135,31 @@ impl<'a> Drive<'a> {
     /// Shapes and numbers follow one another until they stand; a step that loses is taken shorter.
     pub(super) fn settled(&self, state: State, passes: usize, work: &mut Work) -> State {
         let mut best = state.rebuilt(self.balance);
-        let mut share = 1.0;
+        let (mut share, mut lost) = (1.0, f64::NEG_INFINITY);
         for _ in 0..passes {
             let Some(next) = self.moved(best.clone(), share, work) else { break };
             let next = next.rebuilt(self.balance);
             let gained = best.base.fit.nats - next.base.fit.nats;
-            if gained > 0.0 {
-                best = next;
-            } else {
-                share *= 0.2;
-            }
-            if gained.abs() < Criteria::STANDARD.converged_nats {
+            // Where a shorter step of the shapes changes nothing it is the numbers that lose.
+            if gained.abs().min((gained - lost).abs()) < Criteria::STANDARD.converged_nats {
                 break;
+            }
+            if gained > 0.0 {
+                (best, share, lost) = (next, (share / SHORTER).min(1.0), f64::NEG_INFINITY);
+            } else {
+                (share, lost) = (share * SHORTER, gained);
             }
         }
         best
+    }
+
+    /// As settled from the numbers as they are or as stated, whichever is nearer: what was left out before may
+    /// have bent them to where no step leads back.
+    fn settled_from_both(&self, state: State, work: &mut Work) -> State {
+        let mut stated = state.clone();
+        stated.now.mechanics = stated_mechanics(self.balance);
+        let [own, stated] = [state, stated].map(|state| self.settled(state, SETTLING, work));
+        if stated.base.fit.nats < own.base.fit.nats { stated } else { own }
     }
 
     /// What was taken up before its cause was known may have stood in for it: laws that the others do without
@@ -163,7 +178,7 @@ impl<'a> Drive<'a> {
             let cost = price(law.amplitudes.len() + law.hypothesis.constants(), total);
             let mut others = state.clone();
             others.accepted.remove(k);
-            let others = self.settled(others, PASSES / 2, work);
+            let others = self.settled(others, SETTLING / 2, work);
             if others.base.fit.nats - state.base.fit.nats - cost < level {
                 (state, k) = (others, 0);
             } else {
@@ -179,7 +194,7 @@ impl<'a> Drive<'a> {
         let map = state.accepted.iter().position(|a| a.given.is_none() && a.hypothesis.is_map())?;
         let mut others = state.clone();
         others.accepted.remove(map);
-        let others = self.settled(others, PASSES / 2, work);
+        let others = self.settled(others, SETTLING / 2, work);
         let mut waves = candidates(self.balance, &others);
         waves.retain(|h| h.effect == EffectKind::PositionPeriodicForce);
         let fitted = waves.iter().filter_map(|h| self.fit(&others, h, work)).filter(Fitted::qualifies);
@@ -237,7 +252,7 @@ impl<'a> Drive<'a> {
         let (base, a) = (&state.base, &state.accepted[k]);
         let slopes = slopes(self.balance, state, &a.hypothesis, &a.amplitudes);
         let step = self.free_step(base.fitted(), &slopes)?;
-        let short: Vec<f64> = step.iter().map(|s| share * s.clamp(-0.1, 0.1)).collect();
+        let short: Vec<f64> = step.iter().map(|s| share * s.clamp(-LONGEST_STEP, LONGEST_STEP)).collect();
         Some(a.hypothesis.moved(&short))
     }
 
@@ -414,7 +429,9 @@ impl Subject for Drive<'_> {
 
     fn screen(&self, state: &State, work: &mut Work) -> Option<Vec<Screened<Hypothesis>>> {
         let mut list = candidates(self.balance, state);
-        list.retain(|h| self.only.is_none_or(|port| h.port == port));
+        if self.numbers_alone {
+            list.retain(|h| h.law().move_number(&mut state.now.clone(), self.balance));
+        }
         if !work.take(list.len() as u64) {
             return None;
         }
@@ -467,7 +484,7 @@ impl Subject for Drive<'_> {
     }
 
     fn settle(&self, before: &State, state: State, work: &mut Work) -> (State, f64) {
-        let state = self.settled(state, PASSES, work);
+        let state = self.settled_from_both(state, work);
         let newest = state.accepted.last().filter(|_| state.accepted.len() > before.accepted.len());
         let ground = state.ground(self.balance);
         if newest.is_some_and(|a| a.hypothesis.law().is_void(&ground, &a.amplitudes)) {

@@ -5,7 +5,8 @@ use crate::plant::effects::current_loop_lag::{BANDWIDTH, SPECIFICATION};
 
 pub(super) const EFFECT: Effect = Effect {
     candidates: |search| {
-        if !search.has_command || search.balance.clock_moved {
+        // One that was found is a free number.
+        if !search.has_command || search.balance.clock_moved || search.now.found_loop {
             return Vec::new();
         }
         let (shares, of_rad_s, in_place) = match search.now.path.loop_rad_s {

@@ -11,7 +11,8 @@ pub(super) const EFFECT: Effect = Effect {
             return list;
         }
         let period_s = 1.0 / search.signals.rate_hz;
-        if search.has_command {
+        // One that was found is a free number.
+        if search.has_command && !search.now.found_delay {
             let late = |samples| Delay { extra_s: samples * period_s, early: false };
             list.extend([0.3, 0.8, 1.6, 3.0, 5.0].map(|s| Hypothesis::new(Port::Current, late(s))));
         }
