@@ -68,7 +68,8 @@ pub(super) fn determined(balance: &Balance, mut state: State) -> (State, Doubt, 
             let told = if a.hypothesis.facts().trades { 1 } else { d.constants.len() };
             let vague = d.constants.iter().take(told).any(|c| *c > Criteria::STANDARD.undetermined)
                 || !is_other_than_zero(balance, (&state, a), d)
-                || a.hypothesis.is_at_bound();
+                || a.hypothesis.is_at_bound()
+                || a.hypothesis.law().is_void(&state.ground(balance), &a.amplitudes);
             // Or the others foretell what was held out better: each part has been told by itself.
             let others = without(balance, &state, Named::Law(k));
             (vague || foretold_n(balance, others.base.fitted()) < most_n).then_some(others)
@@ -86,6 +87,27 @@ pub(super) fn determined(balance: &Balance, mut state: State) -> (State, Doubt, 
 /// Share of the power that was left before and is not left now, less what never repeats, N.
 fn explained_share([before, left]: [&Rest; 2], repeats_n: f64) -> f64 {
     1.0 - (left.force_n.powi(2) - repeats_n.powi(2)).max(0.0) / before.force_n.max(1e-300).powi(2)
+}
+
+/// What drives the axis, and what of that a model leaves, root mean squares at the motor, N.
+struct Drives {
+    left_n: f64,
+    thrust_n: f64,
+    /// The thrust less loads that were found.
+    beside_loads_n: f64,
+}
+
+impl Drives {
+    /// True where the model says less than half of what drives this axis.
+    fn is_unsaid(&self) -> bool {
+        self.left_n.powi(2) > Criteria::STANDARD.adequate_share * self.beside_loads_n.powi(2)
+    }
+
+    /// True where what is said is more than the mean of a column, and leaves less than drives the axis.
+    fn are_said(&self) -> bool {
+        let mean_alone = self.is_unsaid() && self.beside_loads_n < self.thrust_n;
+        !mean_alone && self.left_n < self.thrust_n
+    }
 }
 
 impl Case<'_> {
@@ -112,23 +134,22 @@ impl Case<'_> {
         let unsaid = unsaid(balance, &absent);
         let (design, beta) = fit_without(&state, &unsaid);
         let left = rest_of(balance, &state, (&design, &beta));
-        let [state_n, thrust_n] = self.left_and_thrust_n(&state, (&design, &beta));
-        let says_nothing = state_n.powi(2) > Criteria::STANDARD.adequate_share * thrust_n.powi(2);
-        let undivided = undivided(balance, &state, &unsaid).filter(|_| !as_stated);
-        let is_left = left.is_left(self.stated_rest_n) || says_nothing || undivided.is_some();
-        let share = explained_share([&before, &left], Criteria::STANDARD.repeatability * thrust_n);
-        // Nothing is said by a model that leaves more than drives the axis.
-        let says = state_n < thrust_n && (!is_left || share > Criteria::STANDARD.named_share);
-        let named = !found.is_empty() && says;
         let of = if as_stated { self.start } else { &state };
         let told_wrong = self.all_corrections(of, &settled);
+        let nothing_told = found.is_empty() && told_wrong.is_empty();
+        let drives = self.drives(&state, (&design, &beta), nothing_told);
+        let undivided = undivided(balance, &state, &unsaid).filter(|_| !as_stated);
+        let is_left = left.is_left(self.stated_rest_n) || drives.is_unsaid() || undivided.is_some();
+        let share = explained_share([&before, &left], Criteria::STANDARD.repeatability * drives.thrust_n);
+        let explains = !is_left || share > Criteria::STANDARD.named_share;
+        let named = !found.is_empty() && explains && drives.are_said();
         let bent = self.out_of_budget && found.is_empty() && !told_wrong.is_empty();
         let unexplained = is_left && !named || bent;
         let corrections = if unexplained { Vec::new() } else { told_wrong.clone() };
         let verdict = verdict(unexplained, found.is_empty(), corrections.is_empty());
         let mut candidates = self.candidates(&found, !unexplained);
         candidates.extend(self.undivided(&unsaid, undivided));
-        let mut notes = self.notes_of((&left, [state_n, thrust_n]), is_left, &candidates);
+        let mut notes = self.notes_of((&left, [drives.left_n, drives.thrust_n]), is_left, &candidates);
         let faults = force_faults((self.axis, self.recordings), balance, &state, &doubt);
         let (force_faults, more) = notes::budget(&self, faults, found.is_empty());
         notes.extend(more);
@@ -152,7 +173,7 @@ impl Case<'_> {
             verdict,
             location,
             findings,
-            unexplained: self.unexplained(&state, (&left, is_left), [state_n, thrust_n]),
+            unexplained: self.unexplained(&state, (&left, is_left), [drives.left_n, drives.thrust_n]),
             candidates,
             residual_band_hz: [0.0, balance.signals.top_hz()],
             force_faults,
@@ -171,16 +192,38 @@ impl Case<'_> {
         }
     }
 
-    /// What a fit beside a state leaves at the motor, and the thrust, root mean squares, N.
-    fn left_and_thrust_n(&self, state: &State, (design, beta): (&Design, &[f64])) -> [f64; 2] {
-        let gram = &state.base.gram;
-        let n = gram.len();
-        let (mut left, mut thrust) = (0.0, 0.0);
-        for band in &gram.sum_by_band(&self.balance.plan) {
-            left += design.spread(band, beta)[0] * band.values;
-            thrust += band.products[0][design.target * n + design.target];
+    /// What a fit beside a state says of the thrust; where nothing is told to be wrong the model that is judged
+    /// is the stated one.
+    fn drives(&self, state: &State, (design, beta): (&Design, &[f64]), nothing_told: bool) -> Drives {
+        let left_n = self.left_n(state, (design, beta));
+        let stated_n = || {
+            let stated = stated_beta(self.balance, self.start);
+            self.left_n(self.start, (&self.start.base.design, &stated))
+        };
+        Drives {
+            left_n: if nothing_told { left_n.max(stated_n()) } else { left_n },
+            thrust_n: self.left_n(state, (design, &vec![0.0; beta.len()])),
+            beside_loads_n: self.thrust_beside_loads_n(state),
         }
-        [left, thrust].map(|power| (power / self.samples()).sqrt())
+    }
+
+    /// The thrust less loads that were found: the mean of a column is nothing that drives an axis.
+    fn thrust_beside_loads_n(&self, state: &State) -> f64 {
+        let (_, design, beta) = state.base.fitted();
+        let mut loads = vec![0.0; beta.len()];
+        for (k, law) in state.accepted.iter().enumerate() {
+            if law.given.is_none() && law.hypothesis.effect == EffectKind::GravityLoad {
+                loads[state.place(k)] = beta[state.place(k)];
+            }
+        }
+        self.left_n(state, (design, &loads))
+    }
+
+    /// What coefficients leave of the thrust at the motor, root mean square, N.
+    fn left_n(&self, state: &State, (design, beta): (&Design, &[f64])) -> f64 {
+        let bands = state.base.gram.sum_by_band(&self.balance.plan);
+        let power: f64 = bands.iter().map(|band| design.spread(band, beta)[0] * band.values).sum();
+        (power / self.samples()).sqrt()
     }
 
     /// What evidence has to exceed: as it was asked last.

@@ -51,6 +51,17 @@ impl State {
         base.fit.beta[k] > 0.0 && inertia > left && thrust > left
     }
 
+    /// The same where inertia is told beside what was found, if it was not before.
+    pub(super) fn with_told_inertia(self, balance: &Balance, passes: usize) -> Self {
+        if self.now.inertial || !self.tells_inertia() {
+            return self;
+        }
+        let mut inertial = self.clone();
+        inertial.now.inertial = true;
+        let inertial = (0..passes).fold(inertial, |state, _| state.begun(balance));
+        if inertial.tells_inertia() { inertial } else { self }
+    }
+
     fn of(balance: &Balance, given: Vec<Accepted>, inertial: bool) -> Self {
         let now = Standing::stated(balance, inertial);
         let mut state = Self { now, base: Arc::new(base(balance, (&now, None), &given)), accepted: given };

@@ -470,16 +470,17 @@ impl Subject for Drive<'_> {
         Some(Fitted { hypothesis: h, model, evidence_nats, level_nats: self.level(state), at_bound })
     }
 
-    /// A load and a friction that differs between the directions are one but where the axis turns round.
-    /// Where less than a finding needs tells them apart it is a load, which takes nothing else.
+    /// A load and a friction that differs between the directions are one but where the axis turns round, a
+    /// load and the mean of a cut but where that begins and ends. Where less than a finding needs tells them
+    /// apart it is a load, which takes nothing else.
     fn compare(&self, _: &State, fitted: &mut [Fitted<Hypothesis, State>]) {
-        let of = |effect: EffectKind| fitted.iter().position(|f| f.hypothesis.effect == effect);
-        let pair = of(EffectKind::GravityLoad).zip(of(EffectKind::AsymmetricFriction));
-        let Some((load, friction)) = pair else { return };
-        let ahead_nats = fitted[friction].evidence_nats - fitted[load].evidence_nats;
-        if !fitted[load].at_bound && (0.0..fitted[load].level_nats).contains(&ahead_nats) {
-            let [load_nats, friction_nats] = [load, friction].map(|k| fitted[k].evidence_nats);
-            (fitted[load].evidence_nats, fitted[friction].evidence_nats) = (friction_nats, load_nats);
+        for effect in [EffectKind::AsymmetricFriction, EffectKind::CuttingForce] {
+            let of = |effect: EffectKind| fitted.iter().position(|f| f.hypothesis.effect == effect);
+            let Some((load, other)) = of(EffectKind::GravityLoad).zip(of(effect)) else { continue };
+            let [load_nats, other_nats] = [load, other].map(|k| fitted[k].evidence_nats);
+            if !fitted[load].at_bound && (0.0..fitted[load].level_nats).contains(&(other_nats - load_nats)) {
+                (fitted[load].evidence_nats, fitted[other].evidence_nats) = (other_nats, load_nats);
+            }
         }
     }
 
@@ -492,7 +493,8 @@ impl Subject for Drive<'_> {
         }
         let gained = state.gain_nats(before);
         let state = self.without_faults(state, work);
-        (self.without_stand_ins(state, work), gained)
+        let state = self.without_stand_ins(state, work);
+        (state.with_told_inertia(self.balance, PASSES), gained)
     }
 }
 

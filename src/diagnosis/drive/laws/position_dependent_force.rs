@@ -127,6 +127,15 @@ impl Law for Map {
         }
     }
 
+    /// No force over the place is twice what ever drove the axis, or it stands where nothing was measured; the
+    /// outer splines reach beyond the travel.
+    fn is_void(&self, ground: &Ground<'_>, amplitudes: &[f64]) -> bool {
+        let s = ground.signals;
+        let thrust = s.tracks.iter().flat_map(|track| s.thrust(track, ground.path));
+        let most_n = thrust.fold(0.0, |most: f64, f| most.max(f.abs()));
+        amplitudes.iter().any(|a| a.abs() > 2.0 * most_n)
+    }
+
     fn is_usual(&self, _: &Ground<'_>, dry_n: f64, amplitudes: &[f64]) -> bool {
         rms(amplitudes) < Criteria::STANDARD.texture * dry_n
     }
