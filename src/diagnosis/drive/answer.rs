@@ -192,8 +192,8 @@ impl Case<'_> {
         }
     }
 
-    /// What a fit beside a state says of the thrust; where nothing is told to be wrong the model that is judged
-    /// is the stated one.
+    /// What a fit beside a state says of the thrust; where nothing is told to be wrong the model that is
+    /// judged is the stated one.
     fn drives(&self, state: &State, (design, beta): (&Design, &[f64]), nothing_told: bool) -> Drives {
         let left_n = self.left_n(state, (design, beta));
         let stated_n = || {

@@ -153,8 +153,8 @@ impl<'a> Drive<'a> {
         best
     }
 
-    /// As settled from the numbers as they are or as stated, whichever is nearer: what was left out before may
-    /// have bent them to where no step leads back.
+    /// As settled from the numbers as they are or as stated, whichever is nearer: what was left out before
+    /// may have bent them to where no step leads back.
     fn settled_from_both(&self, state: State, work: &mut Work) -> State {
         let mut stated = state.clone();
         stated.now.mechanics = stated_mechanics(self.balance);

@@ -127,8 +127,8 @@ impl Law for Map {
         }
     }
 
-    /// No force over the place is twice what ever drove the axis, or it stands where nothing was measured; the
-    /// outer splines reach beyond the travel.
+    /// No force over the place is twice what ever drove the axis, or it stands where nothing was measured.
+    /// Outer splines reach beyond the travel.
     fn is_void(&self, ground: &Ground<'_>, amplitudes: &[f64]) -> bool {
         let s = ground.signals;
         let thrust = s.tracks.iter().flat_map(|track| s.thrust(track, ground.path));
