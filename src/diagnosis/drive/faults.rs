@@ -8,7 +8,7 @@ use super::laws::Hypothesis;
 use super::numbers::{Doubt, is_late};
 use super::recorded::thrust_column;
 use super::state::{Balance, State};
-use super::subject::{Drive, SETTLING};
+use super::subject::{Drive, PASSES};
 use crate::diagnosis::result::{ForceFault, ForceFaultKind};
 use crate::diagnosis::selection::{Fitted, Subject, Work};
 use crate::diagnosis::two_cores::on_two_cores;
@@ -34,7 +34,7 @@ impl Drive<'_> {
                 .and_then(|(h, _)| Self::beside_chance(self.balance, chance(h)).fit(&state, h, work))
                 .filter(Fitted::qualifies);
             let Some(fitted) = fitted else { return state };
-            let settled = self.settled(fitted.model, SETTLING, work);
+            let settled = self.settled(fitted.model, PASSES, work);
             if !(settled.gain_nats(&state) > fitted.level_nats) {
                 return state;
             }

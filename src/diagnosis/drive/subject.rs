@@ -17,14 +17,11 @@ use std::sync::Mutex;
 /// Largest step of a constant, as a logarithm, and how often it is halved.
 const LONGEST_STEP: f64 = 0.5;
 const HALVINGS: usize = 4;
-/// Gauss-Newton steps at most.
-const STEPS: usize = 8;
 /// A step of all shapes that loses, taken shorter.
 const SHORTER: f64 = 0.2;
-/// Passes in which numbers and balance follow one another before anything is asked.
-pub(super) const PASSES: usize = 6;
-/// The same of numbers and shapes after something was taken up, at most.
-pub(super) const SETTLING: usize = 24;
+/// Gauss-Newton steps of one law, and passes in which numbers and balance follow one another before anything
+/// is asked; three times as many after something was taken up. At most.
+pub(super) const PASSES: usize = 8;
 
 /// One axis.
 pub(super) struct Drive<'a> {
@@ -72,7 +69,7 @@ impl<'a> Drive<'a> {
         best.shortest_period(work);
         best.edges(work);
         // Laws that are made of the numbers follow them as they move beside the law.
-        for _ in 0..STEPS {
+        for _ in 0..PASSES {
             let count = best.h.constants();
             if count == 0 || !work.take(2 + count as u64) {
                 break;
@@ -158,7 +155,7 @@ impl<'a> Drive<'a> {
     fn settled_from_both(&self, state: State, work: &mut Work) -> State {
         let mut stated = state.clone();
         stated.now.mechanics = stated_mechanics(self.balance);
-        let [own, stated] = [state, stated].map(|state| self.settled(state, SETTLING, work));
+        let [own, stated] = [state, stated].map(|state| self.settled(state, 3 * PASSES, work));
         if stated.base.fit.nats < own.base.fit.nats { stated } else { own }
     }
 
@@ -178,7 +175,7 @@ impl<'a> Drive<'a> {
             let cost = price(law.amplitudes.len() + law.hypothesis.constants(), total);
             let mut others = state.clone();
             others.accepted.remove(k);
-            let others = self.settled(others, SETTLING / 2, work);
+            let others = self.settled(others, PASSES, work);
             if others.base.fit.nats - state.base.fit.nats - cost < level {
                 (state, k) = (others, 0);
             } else {
@@ -194,7 +191,7 @@ impl<'a> Drive<'a> {
         let map = state.accepted.iter().position(|a| a.given.is_none() && a.hypothesis.is_map())?;
         let mut others = state.clone();
         others.accepted.remove(map);
-        let others = self.settled(others, SETTLING / 2, work);
+        let others = self.settled(others, PASSES, work);
         let mut waves = candidates(self.balance, &others);
         waves.retain(|h| h.effect == EffectKind::PositionPeriodicForce);
         let fitted = waves.iter().filter_map(|h| self.fit(&others, h, work)).filter(Fitted::qualifies);
