@@ -89,15 +89,16 @@ pub enum DiagnoseError {
     /// Thrust and motion have opposite signs.
     #[error(
         "recording {recording}, axis {axis}: the current (or thrust) has the opposite sign of what moves \
-         the axis: {shown}; expected is plus for a push towards plus"
+         the axis: turned, the stated mass and friction explain {percent:.0} % of it; expected is plus for a \
+         push towards plus"
     )]
     OppositeSign {
         /// Experiment of the recording.
         recording: String,
         /// Axis.
         axis: String,
-        /// By what it is seen.
-        shown: String,
+        /// Share of the thrust's power that the model explains once it is turned, per cent.
+        percent: f64,
     },
     /// Motor and stage disagree about the travel.
     #[error(

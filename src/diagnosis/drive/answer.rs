@@ -89,24 +89,27 @@ fn explained_share([before, left]: [&Rest; 2], repeats_n: f64) -> f64 {
     1.0 - (left.force_n.powi(2) - repeats_n.powi(2)).max(0.0) / before.force_n.max(1e-300).powi(2)
 }
 
-/// What drives the axis, and what of that a model leaves, root mean squares at the motor, N.
-struct Drives {
-    left_n: f64,
-    thrust_n: f64,
+/// What drives the axis, and what of that is left, root mean squares at the motor, N.
+pub(super) struct Drives {
+    /// By the fit.
+    pub(super) left_n: f64,
+    /// By the model that is judged: where nothing is told to be wrong that is the stated one.
+    pub(super) judged_n: f64,
+    pub(super) thrust_n: f64,
     /// The thrust less loads that were found.
-    beside_loads_n: f64,
+    pub(super) beside_loads_n: f64,
 }
 
 impl Drives {
     /// True where the model says less than half of what drives this axis.
     fn is_unsaid(&self) -> bool {
-        self.left_n.powi(2) > Criteria::STANDARD.adequate_share * self.beside_loads_n.powi(2)
+        self.judged_n.powi(2) > Criteria::STANDARD.adequate_share * self.beside_loads_n.powi(2)
     }
 
-    /// True where what is said is more than the mean of a column, and leaves less than drives the axis.
-    fn are_said(&self) -> bool {
-        let mean_alone = self.is_unsaid() && self.beside_loads_n < self.thrust_n;
-        !mean_alone && self.left_n < self.thrust_n
+    /// True where findings say more than the mean of a column, and leave less than drives the axis.
+    fn are_said_by(&self, found: &[Found]) -> bool {
+        let mean_alone = found.iter().all(|f| f.term.effect == EffectKind::GravityLoad);
+        !(mean_alone && self.is_unsaid()) && self.left_n < self.thrust_n
     }
 }
 
@@ -142,14 +145,14 @@ impl Case<'_> {
         let is_left = left.is_left(self.stated_rest_n) || drives.is_unsaid() || undivided.is_some();
         let share = explained_share([&before, &left], Criteria::STANDARD.repeatability * drives.thrust_n);
         let explains = !is_left || share > Criteria::STANDARD.named_share;
-        let named = !found.is_empty() && explains && drives.are_said();
+        let named = !found.is_empty() && explains && drives.are_said_by(&found);
         let bent = self.out_of_budget && found.is_empty() && !told_wrong.is_empty();
         let unexplained = is_left && !named || bent;
         let corrections = if unexplained { Vec::new() } else { told_wrong.clone() };
         let verdict = verdict(unexplained, found.is_empty(), corrections.is_empty());
         let mut candidates = self.candidates(&found, !unexplained);
         candidates.extend(self.undivided(&unsaid, undivided));
-        let mut notes = self.notes_of((&left, [drives.left_n, drives.thrust_n]), is_left, &candidates);
+        let mut notes = self.notes_of((&left, &drives), is_left, &candidates);
         let faults = force_faults((self.axis, self.recordings), balance, &state, &doubt);
         let (force_faults, more) = notes::budget(&self, faults, found.is_empty());
         notes.extend(more);
@@ -192,16 +195,16 @@ impl Case<'_> {
         }
     }
 
-    /// What a fit beside a state says of the thrust; where nothing is told to be wrong the model that is
-    /// judged is the stated one.
+    /// What a fit beside a state leaves of what drives the axis.
     fn drives(&self, state: &State, (design, beta): (&Design, &[f64]), nothing_told: bool) -> Drives {
         let left_n = self.left_n(state, (design, beta));
         let stated_n = || {
-            let stated = stated_beta(self.balance, self.start);
+            let stated = numbers::fitted_as_stated(self.balance, self.start);
             self.left_n(self.start, (&self.start.base.design, &stated))
         };
         Drives {
-            left_n: if nothing_told { left_n.max(stated_n()) } else { left_n },
+            left_n,
+            judged_n: if nothing_told { left_n.max(stated_n()) } else { left_n },
             thrust_n: self.left_n(state, (design, &vec![0.0; beta.len()])),
             beside_loads_n: self.thrust_beside_loads_n(state),
         }
@@ -300,7 +303,8 @@ impl Case<'_> {
     fn round_of(&self, effect: EffectKind, port: Port) -> &[Fitted<Hypothesis, State>] {
         let is_of =
             |f: &Fitted<Hypothesis, State>| f.hypothesis.effect == effect && f.hypothesis.port == port;
-        let round = self.rounds.iter().find(|r| r.accepted && is_of(&r.fitted[0]));
+        let mut rounds = self.known.iter().chain(self.rounds);
+        let round = rounds.find(|r| r.accepted && is_of(&r.fitted[0]));
         round.map_or(&[], |r| &r.fitted)
     }
 

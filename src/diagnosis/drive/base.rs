@@ -174,8 +174,10 @@ pub(super) fn base(balance: &Balance, (now, idle): (&Standing, Option<Idle>), ac
         sides: balance.signals.sides(),
     };
     design.add(&gram, 1..knockoffs, bounds);
+    let two = balance.signals.layout == Layout::TwoPositions;
     let all = gram.sum(plan, Part::All);
-    let idle = idle.unwrap_or_else(|| Arc::new(design.idle(&all, &numbers, &start)));
+    let look = || if two { design.idle(&all, &numbers, &start) } else { Vec::new() };
+    let idle = idle.unwrap_or_else(|| Arc::new(look()));
     design.dynamics = design.dynamics.idle_in(idle.clone());
     let weights = design.weights(&all, &start);
     let fit = balance.fit(&design, &all, &start, &weights);

@@ -20,6 +20,8 @@ pub(super) struct Case<'a> {
     /// Before anything was found.
     pub(super) start: &'a State,
     pub(super) rounds: &'a [Round<Hypothesis, State>],
+    /// What was asked before, of numbers alone.
+    pub(super) known: &'a [Round<Hypothesis, State>],
     pub(super) stated_rest_n: f64,
     pub(super) notes: Vec<String>,
     pub(super) out_of_budget: bool,

@@ -128,6 +128,7 @@ fn case_of<'a>(
         balance,
         start,
         rounds: &[],
+        known: &[],
         stated_rest_n: 0.0,
         notes: Vec::new(),
         out_of_budget: false,
@@ -193,7 +194,6 @@ pub(in crate::diagnosis) fn diagnose(
     let search = |share: f64, what: &str| progress(0.05 + 0.85 * share, what);
     let begin = known.beside(&balance, clean.clone());
     let mut selected = select(&drive, begin, Reach::default(), &mut work, &search);
-    selected.rounds.splice(0..0, known.rounds);
     if let Some(wave) = drive.wave_for_map(&selected.model, &mut work) {
         let reach = Reach::default();
         let stand = wave.model.accepted.iter().filter(|a| a.given.is_none()).count();
@@ -212,6 +212,7 @@ pub(in crate::diagnosis) fn diagnose(
     progress(0.9, "writing the model, simulating the loop");
     let case = case::Case {
         rounds: &selected.rounds,
+        known: &known.rounds,
         stated_rest_n: given::stated_rest_n(&axis),
         notes,
         out_of_budget: selected.out_of_budget,

@@ -5,6 +5,7 @@
 //! that a law which was not asked might explain, and where nothing was found no number is told as wrong: each
 //! may be bent by what was not asked.
 
+use super::answer::Drives;
 use super::bank::candidates;
 use super::case::{Case, Found};
 use super::laws::Hypothesis;
@@ -155,7 +156,7 @@ impl Case<'_> {
     /// `[left_n, thrust_n]`: all that is left, white or not, and the thrust.
     pub(super) fn notes_of(
         &self,
-        (left, [left_n, thrust_n]): (&Rest, [f64; 2]),
+        (left, drives): (&Rest, &Drives),
         is_left: bool,
         candidates: &[Candidate],
     ) -> Vec<String> {
@@ -181,7 +182,7 @@ impl Case<'_> {
                 notes.push(format!("Friction is left out, and this motion does not say which: {names}."));
             }
         }
-        if left_n > thrust_n {
+        if drives.left_n > drives.thrust_n {
             notes.push(
                 "No numbers of the balance leave less than the whole thrust: nothing is told of this axis."
                     .to_owned(),
@@ -195,10 +196,12 @@ impl Case<'_> {
                 left.band_hz[1]
             ));
         } else if is_left && undivided.is_empty() {
+            let beside = if drives.beside_loads_n < drives.thrust_n { " beside loads" } else { "" };
             notes.push(format!(
-                "{} of a thrust of {} are left: the model says less than half of what drives this axis.",
-                of(left_n),
-                of(thrust_n)
+                "{} of a thrust of {}{beside} are left: the model says less than half of what drives this \
+                 axis.",
+                of(drives.judged_n),
+                of(drives.beside_loads_n)
             ));
         }
         notes

@@ -224,6 +224,19 @@ pub(super) fn stated_beta(balance: &Balance, state: &State) -> Vec<f64> {
     beta
 }
 
+/// The fitted numbers, those that the model states and the recordings tell as they are stated.
+pub(super) fn fitted_as_stated(balance: &Balance, state: &State) -> Vec<f64> {
+    let m = stated_mechanics(balance);
+    let mut beta = state.base.fit.beta.clone();
+    for (value, number) in beta.iter_mut().zip(&state.base.numbers) {
+        let is_told = state.now.inertial || *number != Number::StageMass;
+        if number.key().is_some() && is_told && m.of(*number) > 0.0 {
+            *value = m.of(*number);
+        }
+    }
+    beta
+}
+
 /// A number of the drive beside its estimate.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Beside {

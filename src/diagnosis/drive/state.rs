@@ -85,15 +85,18 @@ impl State {
         self.built(balance, None)
     }
 
-    /// The same beside what lies between command and thrust, and the speed over which friction turns, as they
-    /// are known.
+    /// The same beside what was found between command and thrust, and the speed over which friction turns. A
+    /// force of another clock has no path.
     pub(super) fn beside(mut self, balance: &Balance, known: &Standing, passes: usize) -> Self {
-        self.now = Standing {
-            timing_s: self.now.timing_s,
-            mechanics: self.now.mechanics,
-            inertial: self.now.inertial,
-            ..*known
-        };
+        let of_path = !self.now.found_delay && (known.found_delay || known.found_loop);
+        if of_path {
+            let Standing { path, timing_s, found_delay, found_loop, .. } = *known;
+            self.now = Standing { path, timing_s, found_delay, found_loop, ..self.now };
+        }
+        if known.found_smoothing {
+            (self.now.smoothing_m_s, self.now.found_smoothing) = (known.smoothing_m_s, true);
+        }
+        let passes = if of_path || known.found_smoothing { passes } else { 0 };
         (0..passes).fold(self, |state, _| state.begun(balance))
     }
 

@@ -134,7 +134,7 @@ impl<'a> Drive<'a> {
         let mut best = state.rebuilt(self.balance);
         let (mut share, mut lost) = (1.0, f64::NEG_INFINITY);
         for _ in 0..passes {
-            let Some(next) = self.moved(best.clone(), share, work) else { break };
+            let Some(next) = self.moved(best.clone(), share, work).filter(|_| work.take(1)) else { break };
             let next = next.rebuilt(self.balance);
             let gained = best.base.fit.nats - next.base.fit.nats;
             // Where a shorter step of the shapes changes nothing it is the numbers that lose.
@@ -156,7 +156,7 @@ impl<'a> Drive<'a> {
         let mut stated = state.clone();
         stated.now.mechanics = stated_mechanics(self.balance);
         let [own, stated] = [state, stated].map(|state| self.settled(state, 3 * PASSES, work));
-        if stated.base.fit.nats < own.base.fit.nats { stated } else { own }
+        if stated.base.fit.nats.total_cmp(&own.base.fit.nats).is_lt() { stated } else { own }
     }
 
     /// What was taken up before its cause was known may have stood in for it: laws that the others do without
@@ -197,7 +197,9 @@ impl<'a> Drive<'a> {
         let fitted = waves.iter().filter_map(|h| self.fit(&others, h, work)).filter(Fitted::qualifies);
         let best = fitted.max_by(|a, b| a.evidence_nats.total_cmp(&b.evidence_nats))?;
         let (model, gained) = self.settle(&others, best.model, work);
-        (gained > best.level_nats && model.gain_nats(state) > 0.0).then_some(Fitted { model, ..best })
+        let comparable = model.now.inertial == state.now.inertial;
+        (comparable && gained > best.level_nats && model.gain_nats(state) > 0.0)
+            .then_some(Fitted { model, ..best })
     }
 
     /// One step of every shape. `None`: the budget is spent.
@@ -471,12 +473,15 @@ impl Subject for Drive<'_> {
     /// load and the mean of a cut but where that begins and ends. Where less than a finding needs tells them
     /// apart it is a load, which takes nothing else.
     fn compare(&self, _: &State, fitted: &mut [Fitted<Hypothesis, State>]) {
-        for effect in [EffectKind::AsymmetricFriction, EffectKind::CuttingForce] {
-            let of = |effect: EffectKind| fitted.iter().position(|f| f.hypothesis.effect == effect);
-            let Some((load, other)) = of(EffectKind::GravityLoad).zip(of(effect)) else { continue };
-            let [load_nats, other_nats] = [load, other].map(|k| fitted[k].evidence_nats);
-            if !fitted[load].at_bound && (0.0..fitted[load].level_nats).contains(&(other_nats - load_nats)) {
-                (fitted[load].evidence_nats, fitted[other].evidence_nats) = (other_nats, load_nats);
+        let of = |effect: EffectKind| fitted.iter().position(|f| f.hypothesis.effect == effect);
+        let Some(load) = of(EffectKind::GravityLoad).filter(|load| !fitted[*load].at_bound) else { return };
+        let others = [of(EffectKind::AsymmetricFriction), of(EffectKind::CuttingForce)];
+        let (load_nats, level_nats) = (fitted[load].evidence_nats, fitted[load].level_nats);
+        for other in others.into_iter().flatten() {
+            let other_nats = fitted[other].evidence_nats;
+            if (0.0..level_nats).contains(&(other_nats - load_nats)) {
+                fitted[load].evidence_nats = fitted[load].evidence_nats.max(other_nats);
+                fitted[other].evidence_nats = load_nats;
             }
         }
     }
@@ -489,9 +494,9 @@ impl Subject for Drive<'_> {
             return (state, f64::NEG_INFINITY);
         }
         let gained = state.gain_nats(before);
+        let state = state.with_told_inertia(self.balance, PASSES);
         let state = self.without_faults(state, work);
-        let state = self.without_stand_ins(state, work);
-        (state.with_told_inertia(self.balance, PASSES), gained)
+        (self.without_stand_ins(state, work), gained)
     }
 }
 

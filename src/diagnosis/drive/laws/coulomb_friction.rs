@@ -8,7 +8,7 @@ pub(super) const EFFECT: Effect = Effect {
         // Of one position parts in several forms are free, and a way besides: a speed is asked about where
         // one is stated.
         let stated = search.balance.drive.raw().friction_smoothing_m_s.is_some();
-        let asked = if search.two || stated { &[0.4, 2.5][..] } else { &[] };
+        let asked = if search.two || stated { &[0.4, 0.7, 1.4, 2.5][..] } else { &[] };
         let of = |r: &f64| Smoothing { speed_m_s: r * search.now.smoothing_m_s };
         asked.iter().map(|r| Hypothesis::new(Port::Stage, of(r))).collect()
     },

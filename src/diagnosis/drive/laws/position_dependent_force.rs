@@ -127,13 +127,14 @@ impl Law for Map {
         }
     }
 
-    /// No force over the place is twice what ever drove the axis, or it stands where nothing was measured.
-    /// Outer splines reach beyond the travel.
+    /// A force over the place that is twice what ever drove the axis stands where nothing was measured.
+    /// Splines at either end are hardly seen.
     fn is_void(&self, ground: &Ground<'_>, amplitudes: &[f64]) -> bool {
         let s = ground.signals;
         let thrust = s.tracks.iter().flat_map(|track| s.thrust(track, ground.path));
         let most_n = thrust.fold(0.0, |most: f64, f| most.max(f.abs()));
-        amplitudes.iter().any(|a| a.abs() > 2.0 * most_n)
+        let inner = amplitudes.get(3..amplitudes.len().saturating_sub(3)).unwrap_or_default();
+        inner.iter().any(|a| a.abs() > 2.0 * most_n)
     }
 
     fn is_usual(&self, _: &Ground<'_>, dry_n: f64, amplitudes: &[f64]) -> bool {
