@@ -354,9 +354,9 @@ pub(super) fn corrections(
     }
     let stated_s = balance.drive.amplifier_dead_time_s();
     let found_s = state.now.path.delay_s.max(0.0);
-    if state.now.found_delay && found_s < stated_s && !is_late(balance, state, doubt) {
-        let half = Z95 * doubt.path[0].hypot(c.timing_deviation / balance.signals.rate_hz);
-        list.push(Correction::within("amplifier_dead_time_s", stated_s, found_s, half));
+    let half_s = Z95 * doubt.path[0].hypot(c.timing_deviation / balance.signals.rate_hz);
+    if state.now.found_delay && found_s + half_s < stated_s && !is_late(balance, state, doubt) {
+        list.push(Correction::within("amplifier_dead_time_s", stated_s, found_s, half_s));
     }
     list.extend(read_apart(balance, axis, state, doubt));
     if state.now.found_smoothing && axis.drive.raw().friction_smoothing_m_s.is_some() {
