@@ -1,6 +1,6 @@
 //! From the selection to what is said: verdict, findings, corrections, the model, the proof.
 
-use super::case::{Case, Found};
+use super::case::{Case, Drives, Found};
 use super::closed_loop::closed_loop;
 use super::evidence::{least_seen_n, level};
 use super::faults::force_faults;
@@ -87,30 +87,6 @@ pub(super) fn determined(balance: &Balance, mut state: State) -> (State, Doubt, 
 /// Share of the power that was left before and is not left now, less what never repeats, N.
 fn explained_share([before, left]: [&Rest; 2], repeats_n: f64) -> f64 {
     1.0 - (left.force_n.powi(2) - repeats_n.powi(2)).max(0.0) / before.force_n.max(1e-300).powi(2)
-}
-
-/// What drives the axis, and what of that is left, root mean squares at the motor, N.
-pub(super) struct Drives {
-    /// By the fit.
-    pub(super) left_n: f64,
-    /// By the model that is judged: where nothing is told to be wrong that is the stated one.
-    pub(super) judged_n: f64,
-    pub(super) thrust_n: f64,
-    /// The thrust less loads that were found.
-    pub(super) beside_loads_n: f64,
-}
-
-impl Drives {
-    /// True where the model says less than half of what drives this axis.
-    fn is_unsaid(&self) -> bool {
-        self.judged_n.powi(2) > Criteria::STANDARD.adequate_share * self.beside_loads_n.powi(2)
-    }
-
-    /// True where findings say more than the mean of a column, and leave less than drives the axis.
-    fn are_said_by(&self, found: &[Found]) -> bool {
-        let mean_alone = found.iter().all(|f| f.term.effect == EffectKind::GravityLoad);
-        !(mean_alone && self.is_unsaid()) && self.left_n < self.thrust_n
-    }
 }
 
 impl Case<'_> {

@@ -3,9 +3,10 @@
 use super::heldout::Named;
 use super::laws::Hypothesis;
 use super::state::{Balance, State};
+use crate::diagnosis::criteria::Criteria;
 use crate::diagnosis::result::{Contribution, Estimate};
 use crate::diagnosis::selection::Round;
-use crate::plant::effects::PhysicsTerm;
+use crate::plant::effects::{EffectKind, PhysicsTerm};
 use crate::plant::machine::{AxisModel, Machine};
 use crate::sample::Recording;
 
@@ -36,4 +37,28 @@ pub(super) struct Found {
     pub(super) contribution: Vec<Contribution>,
     /// What it stands for in the state.
     pub(super) named: Named,
+}
+
+/// What drives the axis, and what of that is left, root mean squares at the motor, N.
+pub(super) struct Drives {
+    /// By the fit.
+    pub(super) left_n: f64,
+    /// By the model that is judged: where nothing is told to be wrong that is the stated one.
+    pub(super) judged_n: f64,
+    pub(super) thrust_n: f64,
+    /// The thrust less loads that were found.
+    pub(super) beside_loads_n: f64,
+}
+
+impl Drives {
+    /// True where the model says less than half of what drives this axis.
+    pub(super) fn is_unsaid(&self) -> bool {
+        self.judged_n.powi(2) > Criteria::STANDARD.adequate_share * self.beside_loads_n.powi(2)
+    }
+
+    /// True where findings say more than the mean of a column, and leave less than drives the axis.
+    pub(super) fn are_said_by(&self, found: &[Found]) -> bool {
+        let mean_alone = found.iter().all(|f| f.term.effect == EffectKind::GravityLoad);
+        !(mean_alone && self.is_unsaid()) && self.left_n < self.thrust_n
+    }
 }

@@ -5,9 +5,8 @@
 //! that a law which was not asked might explain, and where nothing was found no number is told as wrong: each
 //! may be bent by what was not asked.
 
-use super::answer::Drives;
 use super::bank::candidates;
-use super::case::{Case, Found};
+use super::case::{Case, Drives, Found};
 use super::laws::Hypothesis;
 use super::number::Number;
 use super::numbers::Absent;
