@@ -152,7 +152,7 @@ impl Case<'_> {
             verdict,
             location,
             findings,
-            unexplained: self.unexplained(&state, (&left, is_left), [drives.left_n, drives.thrust_n]),
+            unexplained: self.unexplained(&state, (&left, is_left), &drives),
             candidates,
             residual_band_hz: [0.0, balance.signals.top_hz()],
             force_faults,
@@ -200,8 +200,8 @@ impl Case<'_> {
 
     /// What coefficients leave of the thrust at the motor, root mean square, N.
     fn left_n(&self, state: &State, (design, beta): (&Design, &[f64])) -> f64 {
-        let bands = state.base.gram.sum_by_band(&self.balance.plan);
-        let power: f64 = bands.iter().map(|band| design.spread(band, beta)[0] * band.values).sum();
+        let bands = state.base.all.iter();
+        let power: f64 = bands.map(|band| design.spread(band, beta)[0] * band.values).sum();
         (power / self.samples()).sqrt()
     }
 

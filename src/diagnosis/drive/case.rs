@@ -41,7 +41,7 @@ pub(super) struct Found {
 
 /// What drives the axis, and what of that is left, root mean squares at the motor, N.
 pub(super) struct Drives {
-    /// By the fit.
+    /// By the fit, white or not.
     pub(super) left_n: f64,
     /// By the model that is judged: where nothing is told to be wrong that is the stated one.
     pub(super) judged_n: f64,

@@ -73,21 +73,21 @@ fn not_asked(case: &Case<'_>) -> Vec<String> {
 }
 
 impl Case<'_> {
-    /// What is left above the noise. `[left_n, thrust_n]`: all that is left, white or not, and the thrust.
+    /// What is left above the noise.
     pub(super) fn unexplained(
         &self,
         state: &State,
         (left, is_left): (&Rest, bool),
-        [left_n, thrust_n]: [f64; 2],
+        drives: &Drives,
     ) -> Option<Unexplained> {
         let time = (0..self.recordings.len())
             .map(|r| TimeSpans { recording: r, spans_s: spans_s(self.balance, state, r, left.band_hz) });
-        let force_n = if left.force_n > left.floor_n { left.force_n } else { left_n };
+        let force_n = if left.force_n > left.floor_n { left.force_n } else { drives.left_n };
         is_left.then(|| Unexplained {
             port: left.port,
             bands_hz: vec![left.band_hz],
             time: time.collect(),
-            force_n: force_n.min(thrust_n),
+            force_n: force_n.min(drives.thrust_n),
             floor_n: left.floor_n,
         })
     }
@@ -152,7 +152,6 @@ impl Case<'_> {
     }
 
     /// What a reader must know, in sentences. `is_left`: what is left stands above its floor.
-    /// `[left_n, thrust_n]`: all that is left, white or not, and the thrust.
     pub(super) fn notes_of(
         &self,
         (left, drives): (&Rest, &Drives),
