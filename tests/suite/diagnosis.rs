@@ -388,13 +388,17 @@ fn an_axis_of_three_inertias_that_is_stated_as_such_lacks_nothing() {
     let axis = &again.model.axes[0];
     assert!(axis.physics.is_empty() && axis.drive.torsional_stiffness_nm_rad() > 0.0);
 
-    // The motor's inertia is told and written without that of the screw, which is stated beside it; its mode
-    // is made of the stated inertia, and stays as wrong.
+    // The motor's inertia is told and written without that of the screw, which is stated beside it.
     let motor = three.axes[0].drive.rotary_inertia_kg_m2();
     let heavy = restated(&three, |raw| raw.rotary_inertia_kg_m2 = Some(1.5 * motor));
     let told = ask(&heavy, sweep);
+    assert!(
+        told.findings.is_empty() && told.parameter_corrections.len() == 1,
+        "{:?}",
+        told.parameter_corrections
+    );
     let c = told.parameter_corrections.iter().find(|c| c.name == "rotary_inertia_kg_m2").unwrap();
-    assert!((c.nominal / (1.5 * motor) - 1.0).abs() < 1e-9 && (c.value / motor - 1.0).abs() < 0.1, "{c:?}");
+    assert!((c.nominal / (1.5 * motor) - 1.0).abs() < 1e-9 && (c.value / motor - 1.0).abs() < 0.05, "{c:?}");
     assert_written(&told);
 }
 

@@ -47,12 +47,19 @@ fn lumped(drive: &DriveParams, raw: &mut RawDriveParams) -> PhysicsTerm {
     torsional_mode::term([frequency_hz, screw / (motor + screw), damping])
 }
 
-/// The stated laws that this balance can evaluate, with the names of those that it cannot.
-pub(super) fn given(axis: &AxisModel, m: &Mechanics) -> (Vec<Accepted>, Vec<String>) {
+/// The stated laws that this balance can evaluate, with the names of those that it cannot; `[stated, axis]`:
+/// the axis as stated, and [`folded`].
+pub(super) fn given([stated, axis]: [&AxisModel; 2], m: &Mechanics) -> (Vec<Accepted>, Vec<String>) {
+    let three = stated.drive.structure() == Structure::TripleInertia;
     let (mut list, mut left) = (Vec::new(), Vec::new());
     for (k, term) in axis.physics.iter().enumerate() {
         match law(axis, term, m) {
-            Some(accepted) => list.push(Accepted { given: Some(k), ..accepted }),
+            Some(mut accepted) => {
+                if three && k + 1 == axis.physics.len() {
+                    accepted.hypothesis.law_mut().state_by_parts();
+                }
+                list.push(Accepted { given: Some(k), ..accepted });
+            }
             None if matches!(term.effect, E::ExternalDisturbance | E::EncoderQuantization) => {}
             None => left.push(format!(
                 "{} at {} stands in the model and is not heeded by this diagnosis.",

@@ -105,8 +105,9 @@ fn balance_of(
 }
 
 /// Numbers and balance after they have followed one another, with what the model states and is not heeded.
-fn start_of(axis: &AxisModel, balance: &state::Balance) -> (state::State, Vec<String>) {
-    let (laws, notes) = given::given(axis, &state::stated_mechanics(balance));
+/// `axes`: as stated, and with its terms folded into keys.
+fn start_of(axes: [&AxisModel; 2], balance: &state::Balance) -> (state::State, Vec<String>) {
+    let (laws, notes) = given::given(axes, &state::stated_mechanics(balance));
     let start = state::State::new(balance, &laws, subject::PASSES);
     (start, notes)
 }
@@ -151,7 +152,7 @@ fn beside_cut(
     let whole = DiagnoseOptions { masked, ..options.clone() };
     let axis = given::folded(stated);
     let balance = balance_of(&axis, recordings, &whole, (None, true)).ok()?;
-    let (start, _) = start_of(&axis, &balance);
+    let (start, _) = start_of([stated, &axis], &balance);
     let cut = entry::entered(&balance, &start, &mut work_of(options, recordings))?;
     let rows = cut.rows(&balance);
     let (masked, resting) = (entry::with(&rows, &options.masked), entry::without(&options.resting, &rows));
@@ -181,7 +182,7 @@ pub(in crate::diagnosis) fn diagnose(
     }
     let mut work = work_of(options, recordings);
     let (axis, balance, known) = together(stated, recordings, options, &mut work)?;
-    let (start, mut notes) = start_of(&axis, &balance);
+    let (start, mut notes) = start_of([stated, &axis], &balance);
     if stated.drive.structure() == Structure::Rigid && axis.drive.structure() != Structure::Rigid {
         notes.push(
             "The model has one mass. Its two encoders show two on a spring: what is said is of both, begun \
@@ -265,7 +266,7 @@ fn together(
         if !std::mem::take(&mut open) {
             break;
         }
-        let start = known.beside(&balance, start_of(&axis, &balance).0);
+        let start = known.beside(&balance, start_of([stated, &axis], &balance).0);
         let numbers = subject::Drive::of_numbers(&balance);
         let found = select(&numbers, start, Reach::default(), &mut own, &|_, _| {});
         known.standing = Some(found.model.now);

@@ -146,13 +146,16 @@ impl State {
     /// Numbers and amplitudes from the fit.
     fn take_over(&mut self) {
         let base = self.base.clone();
+        let from_kg = self.now.mechanics.motor_mass_kg;
         self.take_numbers(&base.fit.beta);
+        let to_kg = self.now.mechanics.motor_mass_kg;
         let mut place = base.numbers.len();
         for a in &mut self.accepted {
             let n = a.coefficients();
             let beta = &base.fit.beta[place..place + n];
             if a.given.is_some() {
                 a.scale = beta[0];
+                a.hypothesis.law_mut().motor_moved(from_kg, to_kg);
             } else if a.is_one_column() {
                 a.amplitudes.iter_mut().for_each(|x| *x *= beta[0]);
             } else {

@@ -181,6 +181,12 @@ pub(crate) trait Law {
     /// Takes over into its constants what a fit says of its amplitudes.
     fn follow(&mut self, _amplitudes: &[f64]) {}
 
+    /// The model states it by its parts: these stay where a number beside them moves.
+    fn state_by_parts(&mut self) {}
+
+    /// The motor's inertia, the screw's in it, has become another number.
+    fn motor_moved(&mut self, _from_kg: f64, _to_kg: f64) {}
+
     /// True for what every axis has, beside dry friction of that size.
     fn is_usual(&self, _ground: &Ground<'_>, _dry_n: f64, _amplitudes: &[f64]) -> bool {
         false

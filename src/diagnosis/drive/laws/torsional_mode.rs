@@ -16,6 +16,7 @@ pub(super) const EFFECT: Effect = Effect {
             frequency_hz: term.value(&FREQUENCY)?,
             share: term.value(&SHARE).unwrap_or(SHARE.usual),
             damping: term.value(&DAMPING).unwrap_or(DAMPING.usual),
+            of_parts: false,
         };
         Some((law.into(), vec![1.0]))
     },
@@ -27,11 +28,13 @@ pub(crate) struct ThirdInertia {
     frequency_hz: f64,
     share: f64,
     damping: f64,
+    /// The model states screw and torsional stiffness, and frequency and share are made of these.
+    of_parts: bool,
 }
 
 impl ThirdInertia {
     fn at(frequency_hz: f64, share: f64) -> Self {
-        Self { frequency_hz, share, damping: DAMPING.usual }
+        Self { frequency_hz, share, damping: DAMPING.usual, of_parts: false }
     }
 
     /// The coupling force less what the twist takes off it, and the motor's share of inertia.
@@ -118,6 +121,21 @@ impl Law for ThirdInertia {
 
     fn columns(&self, ground: &Ground<'_>, _: Port) -> Option<Vec<TimeColumn>> {
         Some(vec![self.column(ground)])
+    }
+
+    fn state_by_parts(&mut self) {
+        self.of_parts = true;
+    }
+
+    /// Screw and torsional stiffness stay as they are.
+    fn motor_moved(&mut self, from_kg: f64, to_kg: f64) {
+        let screw_kg = self.share * from_kg;
+        let k = stiffness_of(self.frequency_hz, from_kg - screw_kg, screw_kg);
+        let motor_kg = to_kg - screw_kg;
+        if self.of_parts && motor_kg > 0.0 {
+            self.share = screw_kg / to_kg;
+            self.frequency_hz = (k * to_kg / (motor_kg * screw_kg)).sqrt() / TAU;
+        }
     }
 
     /// Frequency and share trade along a valley with two ends.
