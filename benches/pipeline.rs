@@ -54,6 +54,7 @@ fn pipeline(axes: usize, rate_hz: f64, drive: &DriveParams) -> Pipeline {
         band: BandPlan::Stated(Band::new(500.0, 700.0).expect("a band")),
         tools: None,
         infeed: None,
+        stated_pitch_rad: None,
         margin: None,
         mean: stillcut::chatter::MeanForce::OverAir,
         false_alarm_s: stillcut::chatter::FALSE_ALARM_S,

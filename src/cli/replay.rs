@@ -391,8 +391,10 @@ impl<'a> Source<'a> {
     }
 
     fn settings(&self, config: &ServiceConfig, band: Option<Band>) -> PipelineSettings {
+        let configured = config.pipeline_settings(self.rate, &self.axes);
+        let of_this_lathe = self.axes.iter().all(|axis| config.machine.axis(axis).is_some());
         let mut settings = match &self.signals {
-            Signals::Servo(_) => config.pipeline_settings(self.rate, &self.axes),
+            Signals::Servo(_) => configured,
             Signals::Direct(_) => PipelineSettings {
                 sample_rate: self.rate,
                 axes: self
@@ -407,9 +409,10 @@ impl<'a> Source<'a> {
                         pushed: 0.0,
                     })
                     .collect(),
-                band: config.pipeline_settings(self.rate, &self.axes).band,
+                band: configured.band,
                 tools: None,
                 infeed: None,
+                stated_pitch_rad: configured.stated_pitch_rad.filter(|_| of_this_lathe),
                 margin: None,
                 mean: self.mean,
                 false_alarm_s: config.false_alarm_s,

@@ -504,6 +504,7 @@ impl ServiceConfig {
             band: self.band.map_or_else(|| self.predicted_band(), BandPlan::Stated),
             tools: tool_axis(&self.tools),
             infeed: tool_axis(&self.infeed),
+            stated_pitch_rad: Some(self.cut.tools.pitch_difference_rad()),
             margin: Some(self.margin_plan()),
             mean: MeanForce::OverAir,
             false_alarm_s: self.false_alarm_s,

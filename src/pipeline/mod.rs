@@ -452,6 +452,7 @@ impl Pipeline {
         self.since_restart += 1;
         let cutting = conditions.cutting.or(self.cutting.in_cut());
         let conditions = &CutConditions { cutting, chatter: self.declared, ..*conditions };
+        let pitch_rad = conditions.pitch_difference_rad.or(self.settings.stated_pitch_rad);
         let (mut heard, mut away_n) = (None, 0.0);
         for (index, (channel, state)) in self.channels.iter().zip(&mut self.states).enumerate() {
             self.row[index] = forces[index].force_n;
@@ -461,7 +462,7 @@ impl Pipeline {
             }
             let (force_n, speed_rpm) = (forces[index].force_n, conditions.spindle_speed_rpm);
             away_n += channel.pushed * force_n;
-            self.monitor.follow_pitch(&mut state.monitor, conditions.pitch_difference_rad);
+            self.monitor.follow_pitch(&mut state.monitor, pitch_rad);
             if let Some(event) = self.monitor.step(&mut state.monitor, force_n, speed_rpm) {
                 heard = Some((index, event));
             }

@@ -141,6 +141,9 @@ pub struct PipelineSettings {
     pub tools: Option<ToolAxis>,
     /// What tells the radius at the tools.
     pub infeed: Option<ToolAxis>,
+    /// How two opposed tools stand that cut the waves of each other while nothing reports it: theta_2 -
+    /// theta_1, rad. Nothing: the axes are not known to be of such a lathe.
+    pub stated_pitch_rad: Option<f64>,
     /// What the stability margin rests on; nothing: no margin is estimated.
     pub margin: Option<MarginPlan>,
     /// What the mean of what is listened to tells.

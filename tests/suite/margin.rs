@@ -209,6 +209,7 @@ fn pipeline() -> Pipeline {
         band: BandPlan::Stated(Band::new(480.0, 740.0).unwrap()),
         tools: None,
         infeed: None,
+        stated_pitch_rad: None,
         margin: Some(MarginPlan { prior, force_hz: 1000.0 }),
         mean: stillcut::chatter::MeanForce::Whole,
         false_alarm_s: stillcut::chatter::FALSE_ALARM_S,

@@ -42,6 +42,7 @@ pub(super) fn settings(scenario: &Scenario) -> PipelineSettings {
         band: BandPlan::Workpiece(scenario.workpiece),
         tools: None,
         infeed: None,
+        stated_pitch_rad: None,
         margin: None,
         mean: stillcut::chatter::MeanForce::OverAir,
         false_alarm_s: stillcut::chatter::FALSE_ALARM_S,
