@@ -498,13 +498,14 @@ impl ServiceConfig {
             let index = axes.iter().position(|a| a == axis)?;
             Some(ToolAxis { index, zero_m: *zero_m, toward: *toward })
         };
+        let tools = &self.cut.tools;
         PipelineSettings {
             sample_rate,
             axes: axes.iter().map(plan).collect(),
             band: self.band.map_or_else(|| self.predicted_band(), BandPlan::Stated),
             tools: tool_axis(&self.tools),
             infeed: tool_axis(&self.infeed),
-            stated_pitch_rad: Some(self.cut.tools.pitch_difference_rad()),
+            stated_pitch_rad: (tools.count() == ToolCount::Two).then(|| tools.pitch_difference_rad()),
             margin: Some(self.margin_plan()),
             mean: MeanForce::OverAir,
             false_alarm_s: self.false_alarm_s,
