@@ -181,11 +181,14 @@ impl ReadLaw {
     /// stage go together, position gain and integral may stand for one another.
     fn search(period_s: f64, r: &LoopRecord) -> Option<Self> {
         let integrals_1_s = [0.0, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0];
-        let fit = |at: (f64, f64)| Self::fit(period_s, r, at);
-        let best_of = |taken: f64| integrals_1_s.iter().filter_map(|k| fit((taken, *k))).reduce(Self::better);
+        let through = |taken: f64| Ingredients::of(period_s, r, taken);
+        let best_of = |taken: f64| {
+            let of = through(taken);
+            integrals_1_s.iter().filter_map(|k| of.fit(*k)).reduce(Self::better)
+        };
         let begun = [1.0, 0.7, 0.4, 0.2, 0.1].into_iter().filter_map(best_of);
-        let best = begun.map(|from| from.refined(fit)).reduce(Self::better)?;
-        let mirror = fit((best.taken, best.position_gain_1_s)).map(|from| from.refined(fit));
+        let best = begun.map(|from| from.refined(through)).reduce(Self::better)?;
+        let mirror = through(best.taken).fit(best.position_gain_1_s).map(|from| from.refined(through));
         Some(mirror.into_iter().fold(best, Self::better))
     }
 
@@ -194,75 +197,99 @@ impl ReadLaw {
     }
 
     /// Pattern search over filter and integral.
-    fn refined(self, fit: impl Fn((f64, f64)) -> Option<Self>) -> Self {
+    fn refined(self, through: impl Fn(f64) -> Ingredients) -> Self {
         let [mut step, finest] = Self::STEPS;
         let mut best = self;
         while step > finest {
             let (t, k) = (best.taken, best.integral_1_s);
             let by = [-step, 0.0, step].map(f64::exp);
-            let around = by.iter().flat_map(|a| by.iter().map(move |b| ((t * a).min(1.0), k * b)));
-            let next = around.filter_map(&fit).fold(best, Self::better);
+            let around = by.iter().flat_map(|a| {
+                let of = through((t * a).min(1.0));
+                by.map(move |b| of.fit(k * b))
+            });
+            let next = around.flatten().fold(best, Self::better);
             step = if next.share < best.share { step } else { 0.5 * step };
             best = next;
         }
         best
     }
+}
+
+/// Of the signals that a law is made of and the reference, less their means, all inner products: what any
+/// gains leave of the reference follows from them.
+#[derive(Debug, Clone, Copy)]
+struct Ingredients {
+    taken: f64,
+    products: [[f64; Self::COUNT]; Self::COUNT],
+}
+
+impl Ingredients {
+    /// Position error, velocity of the command and filtered one of the motor, the integral of each, and the
+    /// reference.
+    const COUNT: usize = 7;
+    const REFERENCE: usize = Self::COUNT - 1;
+
+    fn of(period_s: f64, r: &LoopRecord, taken: f64) -> Self {
+        let lengths = [&r.command_m, &r.motor_m, &r.stage_m, &r.reference].map(Vec::len);
+        let count = lengths.into_iter().fold(ReadLaw::MOST_ROWS, usize::min);
+        let change = |x: &[f64], k: usize| (x[k] - x[k.saturating_sub(1)]) / period_s;
+        let mut velocity_m_s = if count > 1 { change(&r.motor_m, 1) } else { 0.0 };
+        let mut integrals = [0.0; 3];
+        let rows = (0..count).map(|k| {
+            if k > 0 {
+                velocity_m_s += taken * (change(&r.motor_m, k) - velocity_m_s);
+            }
+            let now = [r.command_m[k] - r.stage_m[k], change(&r.command_m, k), velocity_m_s];
+            integrals.iter_mut().zip(now).for_each(|(sum, x)| *sum += x * period_s);
+            let [[apart, command, motor], [of_apart, of_command, of_motor]] = [now, integrals];
+            [apart, command, motor, of_apart, of_command, of_motor, r.reference[k]]
+        });
+        let rows: Vec<[f64; Self::COUNT]> = rows.collect();
+        let mut means = [0.0; Self::COUNT];
+        for row in &rows {
+            means.iter_mut().zip(row).for_each(|(mean, x)| *mean += x / count as f64);
+        }
+        let mut products = [[0.0; Self::COUNT]; Self::COUNT];
+        for row in rows {
+            let row: [f64; Self::COUNT] = std::array::from_fn(|i| row[i] - means[i]);
+            for (products, x) in products.iter_mut().zip(row) {
+                products.iter_mut().zip(row).for_each(|(sum, y)| *sum += x * y);
+            }
+        }
+        Self { taken, products }
+    }
+
+    fn product(&self, a: &[f64; Self::COUNT], b: &[f64; Self::COUNT]) -> f64 {
+        let with = |row: &[f64; Self::COUNT]| row.iter().zip(b).map(|(p, b)| p * b).sum::<f64>();
+        self.products.iter().zip(a).map(|(row, a)| a * with(row)).sum()
+    }
 
     /// The two gains by least squares, whether the command's velocity is fed forward or not.
-    fn fit(period_s: f64, r: &LoopRecord, (taken, integral_1_s): (f64, f64)) -> Option<Self> {
-        let of = |forward: f64| {
-            let [apart, speed] = ingredients(period_s, r, (taken, forward)).map(|x| {
-                let mut sum = 0.0;
-                let with_integral = |x: &f64| {
-                    sum += x * period_s;
-                    x + integral_1_s * sum
-                };
-                x.iter().map(with_integral).collect::<Vec<f64>>()
-            });
-            let ([of_apart, slope], share) = fit_pair([&apart, &speed], &r.reference)?;
+    fn fit(&self, integral_1_s: f64) -> Option<ReadLaw> {
+        let k = integral_1_s;
+        let of = |f: f64| {
+            let (apart, speed) = ([1.0, 0.0, 0.0, k, 0.0, 0.0, 0.0], [0.0, f, -1.0, 0.0, f * k, -k, 0.0]);
+            let ([of_apart, slope], share) = self.fit_pair(&apart, &speed)?;
             let position_gain_1_s = of_apart / slope;
             let is_law = slope > 0.0 && position_gain_1_s > 0.0 && share.is_finite();
-            is_law.then_some(Self { taken, integral_1_s, position_gain_1_s, slope, share })
+            is_law.then_some(ReadLaw { taken: self.taken, integral_1_s, position_gain_1_s, slope, share })
         };
-        let both = [0.0, 1.0].into_iter().filter_map(of);
-        both.min_by(|a, b| a.share.total_cmp(&b.share))
+        [0.0, 1.0].into_iter().filter_map(of).min_by(|a, b| a.share.total_cmp(&b.share))
     }
-}
 
-/// Position error, m, and velocity error less its part, m/s.
-fn ingredients(period_s: f64, r: &LoopRecord, (taken, forward): (f64, f64)) -> [Vec<f64>; 2] {
-    let count = r.command_m.len().min(r.motor_m.len()).min(r.stage_m.len()).min(ReadLaw::MOST_ROWS);
-    let change = |x: &[f64], k: usize| (x[k] - x[k.saturating_sub(1)]) / period_s;
-    let mut velocity_m_s = if count > 1 { change(&r.motor_m, 1) } else { 0.0 };
-    let mut speed = Vec::with_capacity(count);
-    for k in 0..count {
-        if k > 0 {
-            velocity_m_s += taken * (change(&r.motor_m, k) - velocity_m_s);
+    /// u = a x + b y + offset by least squares, and the share of the changes of u that it leaves.
+    fn fit_pair(&self, x: &[f64; Self::COUNT], y: &[f64; Self::COUNT]) -> Option<([f64; 2], f64)> {
+        let mut u = [0.0; Self::COUNT];
+        u[Self::REFERENCE] = 1.0;
+        let (xx, xy, xu) = (self.product(x, x), self.product(x, y), self.product(x, &u));
+        let (yy, yu, uu) = (self.product(y, y), self.product(y, &u), self.product(&u, &u));
+        let determinant = xx * yy - xy * xy;
+        if !(determinant > 1e-12 * xx * yy && uu > 0.0) {
+            return None;
         }
-        speed.push(forward * change(&r.command_m, k) - velocity_m_s);
+        let (a, b) = ((xu * yy - yu * xy) / determinant, (yu * xx - xu * xy) / determinant);
+        Some(([a, b], ((uu - a * xu - b * yu).max(0.0) / uu).sqrt()))
     }
-    [r.command_m.iter().zip(&r.stage_m).take(count).map(|(c, s)| c - s).collect(), speed]
-}
-
-/// u = a x + b y + offset by least squares, and the share of the changes of u that it leaves.
-fn fit_pair([x, y]: [&[f64]; 2], u: &[f64]) -> Option<([f64; 2], f64)> {
-    let u = u.get(..x.len())?;
-    let mean = |x: &[f64]| x.iter().sum::<f64>() / x.len().max(1) as f64;
-    let middle = [mean(x), mean(y), mean(u)];
-    let mut sums = [[0.0; 3]; 3];
-    for ((x, y), u) in x.iter().zip(y).zip(u) {
-        let row = [x - middle[0], y - middle[1], u - middle[2]];
-        for (i, sums) in sums.iter_mut().enumerate() {
-            sums.iter_mut().zip(row).for_each(|(s, v)| *s += row[i] * v);
-        }
-    }
-    let [[xx, xy, xu], [_, yy, yu], [.., uu]] = sums;
-    let determinant = xx * yy - xy * xy;
-    if !(determinant > 1e-12 * xx * yy && uu > 0.0) {
-        return None;
-    }
-    let (a, b) = ((xu * yy - yu * xy) / determinant, (yu * xx - xu * xy) / determinant);
-    Some(([a, b], ((uu - a * xu - b * yu).max(0.0) / uu).sqrt()))
 }
 
 /// e + K_i sum e T from recorded signals.
