@@ -9,7 +9,7 @@ use super::spectra::{FOLDS, Plan, Series};
 use crate::plant::drive::DriveParams;
 use crate::plant::effects::Port;
 use std::borrow::Cow;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// A central difference of the thrust over its time of arrival, samples.
 const TIMING_STEP: f64 = 0.1;
@@ -29,7 +29,10 @@ pub(super) struct Balance {
     /// s. What it is more is a number then.
     pub(super) stage_later_s: Option<f64>,
     /// Columns that never change, by number.
-    pub(super) fixed: Vec<(Number, Column)>,
+    fixed: Vec<(Number, Column)>,
+    /// The newest of the others, by number (none: the target) and what they were made with: a state that is
+    /// built anew has mostly moved something else.
+    newest: Mutex<Vec<(Option<Number>, [f64; 3], Column)>>,
 }
 
 impl Balance {
@@ -48,7 +51,8 @@ impl Balance {
             let rests = |r: usize, k: usize| signals.tracks[r].rests.get(k).copied().unwrap_or(false);
             plan = plan.looking_at(|r, k| !rests(r, k));
         }
-        let mut out = Self { drive, signals, plan, clock_moved, stage_later_s, fixed: Vec::new() };
+        let (fixed, newest) = (Vec::new(), Mutex::default());
+        let mut out = Self { drive, signals, plan, clock_moved, stage_later_s, fixed, newest };
         let changing = |n: &Number| n.is_dry_friction() || matches!(n, N::Timing | N::EncoderTiming);
         out.fixed = out
             .numbers()
@@ -168,6 +172,42 @@ impl Balance {
             }
             _ => self.linear(number),
         }
+    }
+
+    /// The spectra of a number's column.
+    pub(super) fn spectra_of(&self, number: Number, state: &Ground<'_>) -> Column {
+        let made_with = match number {
+            N::Timing | N::Lag => path_key(state.path),
+            n if n.is_dry_friction() => [state.smoothing_m_s, 0.0, 0.0],
+            _ => {
+                let fixed = self.fixed.iter().find(|(n, _)| *n == number).map(|(_, column)| column.clone());
+                return fixed.unwrap_or_else(|| self.column(&self.number_column(number, state)));
+            }
+        };
+        self.made_once(Some(number), made_with, || self.number_column(number, state))
+    }
+
+    /// The spectra of what is fitted to.
+    pub(super) fn spectra_of_target(&self, path: Path) -> Column {
+        self.made_once(None, path_key(path), || self.target(path))
+    }
+
+    fn made_once(
+        &self,
+        number: Option<Number>,
+        made_with: [f64; 3],
+        of: impl FnOnce() -> TimeColumn,
+    ) -> Column {
+        let newest = || self.newest.lock().unwrap_or_else(PoisonError::into_inner);
+        let is = |(n, with, _): &&(Option<Number>, [f64; 3], Column)| *n == number && *with == made_with;
+        if let Some((_, _, column)) = newest().iter().find(is) {
+            return column.clone();
+        }
+        let column = self.column(&of());
+        let mut newest = newest();
+        newest.retain(|(n, _, _)| *n != number);
+        newest.push((number, made_with, column.clone()));
+        column
     }
 
     /// A column's spectra.
@@ -339,4 +379,9 @@ impl Standing {
             path: Path { delay_s: self.path.delay_s + self.timing_s, ..self.path },
         }
     }
+}
+
+/// What a column of the thrust was made with.
+fn path_key(path: Path) -> [f64; 3] {
+    [path.delay_s, path.loop_rad_s.unwrap_or(0.0), f64::from(u8::from(path.loop_rad_s.is_some()))]
 }

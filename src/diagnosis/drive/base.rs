@@ -135,19 +135,17 @@ pub(super) fn base(balance: &Balance, (now, idle): (&Standing, Option<Idle>), ac
     let ground = now.ground(balance);
     let mut numbers = balance.numbers();
     numbers.extend(now.found_loop.then_some(N::Lag));
-    let mut columns = vec![balance.column(&balance.target(ground.path))];
+    let mut columns = vec![balance.spectra_of_target(ground.path)];
     let mut bounds = Vec::new();
     let mut start = Vec::new();
     let moved = moved_laws(&ground, accepted);
     for number in &numbers {
-        let fixed = balance.fixed.iter().find(|(n, _)| n == number).map(|(_, c)| c.clone());
         let more = moved.iter().find(|(n, _, _)| n == number).map(|(_, _, column)| (column, 1.0));
-        columns.push(match (more, fixed) {
-            (Some(more), _) => balance.column(&TimeColumn::sum(
+        columns.push(match more {
+            Some(more) => balance.column(&TimeColumn::sum(
                 [(&balance.number_column(*number, &ground), 1.0), more].into_iter(),
             )),
-            (None, Some(fixed)) => fixed,
-            (None, None) => balance.column(&balance.number_column(*number, &ground)),
+            None => balance.spectra_of(*number, &ground),
         });
         bounds.push(number_bounds(balance, now, (*number, accepted)));
         start.push(now.mechanics.of(*number));
