@@ -83,7 +83,7 @@ impl Gram {
                 for i in 0..n {
                     let from = if i < before { before } else { 0 };
                     for j in from..n {
-                        let done = a == b && j >= before && i > j;
+                        let done = a == b && i > j;
                         m[i * n + j] = if done {
                             m[j * n + i]
                         } else {
