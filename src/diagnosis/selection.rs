@@ -5,6 +5,7 @@
 //! and says what level chance reaches. Work is counted in evaluations, never in seconds: a busy machine
 //! answers later, not differently.
 
+use super::two_cores::on_two_cores;
 use crate::plant::effects::Port;
 
 /// Evaluations that may still be made.
@@ -26,6 +27,25 @@ impl Work {
         let half = self.limit.saturating_sub(self.spent) / 2;
         self.spend(half);
         Self::new(half)
+    }
+
+    /// Pieces of work on two threads, each within its share of what is left; results in order.
+    pub(crate) fn on_two_cores<T: Sync, R: Send>(
+        &mut self,
+        items: &[T],
+        of: impl Fn(&T, &mut Self) -> R + Sync,
+    ) -> Vec<R> {
+        let share = self.limit.saturating_sub(self.spent) / (items.len() as u64).max(1);
+        let done = on_two_cores(items, |item| {
+            let mut own = Self::new(share);
+            (of(item, &mut own), own)
+        });
+        let take = |(result, own): (R, Self)| {
+            self.spend(own.spent);
+            self.refused |= own.refused;
+            result
+        };
+        done.into_iter().map(take).collect()
     }
 
     /// Takes `evaluations` off the budget; false where they are not there: then nothing may be computed.
@@ -118,6 +138,16 @@ pub(crate) trait Subject {
         work: &mut Work,
     ) -> Option<Fitted<Self::Hypothesis, Self::Model>>;
 
+    /// Several, in order, without those that have no fit.
+    fn fit_each(
+        &self,
+        model: &Self::Model,
+        hypotheses: &[Self::Hypothesis],
+        work: &mut Work,
+    ) -> Vec<Fitted<Self::Hypothesis, Self::Model>> {
+        hypotheses.iter().filter_map(|h| self.fit(model, h, work)).collect()
+    }
+
     /// A round is complete: evidence against the best that "nothing more" came to in it. A fit that found
     /// better numbers for the model itself lowers what every other one has gained.
     fn compare(&self, _model: &Self::Model, _fitted: &mut [Fitted<Self::Hypothesis, Self::Model>]) {}
@@ -183,13 +213,14 @@ pub(crate) fn select<S: Subject>(
             break;
         };
         let screened = one_each(subject, screened);
-        let mut fitted = Vec::new();
-        for candidate in screened.iter().take(reach.fitted) {
-            progress(work.share(), subject.name(&candidate.hypothesis).0);
-            let fit = subject.fit(&out.model, &candidate.hypothesis, work);
-            out.out_of_budget |= fit.is_none() && work.refused;
-            fitted.extend(fit);
+        let (mut fitted, mut asked) = (Vec::new(), 0);
+        for pair in screened[..reach.fitted.min(screened.len())].chunks(2) {
+            progress(work.share(), subject.name(&pair[0].hypothesis).0);
+            let hypotheses: Vec<_> = pair.iter().map(|s| s.hypothesis.clone()).collect();
+            fitted.extend(subject.fit_each(&out.model, &hypotheses, work));
+            asked += pair.len();
         }
+        out.out_of_budget |= fitted.len() < asked && work.refused;
         subject.compare(&out.model, &mut fitted);
         best_first(&mut fitted);
         let open = if taken < reach.most_findings { &mut fitted[..] } else { &mut [] };

@@ -155,8 +155,12 @@ impl<'a> Drive<'a> {
     fn settled_from_both(&self, state: State, work: &mut Work) -> State {
         let mut stated = state.clone();
         stated.now.mechanics = stated_mechanics(self.balance);
-        let [own, stated] = [state, stated].map(|state| self.settled(state, 3 * PASSES, work));
-        if stated.base.fit.nats.total_cmp(&own.base.fit.nats).is_lt() { stated } else { own }
+        let settled = |state: &State, work: &mut Work| self.settled(state.clone(), 3 * PASSES, work);
+        let starts = [state, stated];
+        let both = work.on_two_cores(&starts, settled).into_iter();
+        let nearer = both.min_by(|a, b| a.base.fit.nats.total_cmp(&b.base.fit.nats));
+        let [own, _] = starts;
+        nearer.unwrap_or(own)
     }
 
     /// What was taken up before its cause was known may have stood in for it: laws that the others do without
@@ -467,6 +471,16 @@ impl Subject for Drive<'_> {
             || h.law().is_void(&model.ground(self.balance), &amplitudes);
         model.take_up(self.balance, Accepted::found(h, amplitudes));
         Some(Fitted { hypothesis: h, model, evidence_nats, level_nats: self.level(state), at_bound })
+    }
+
+    fn fit_each(
+        &self,
+        state: &State,
+        hypotheses: &[Hypothesis],
+        work: &mut Work,
+    ) -> Vec<Fitted<Hypothesis, State>> {
+        let fits = work.on_two_cores(hypotheses, |h, work| self.fit(state, h, work));
+        fits.into_iter().flatten().collect()
     }
 
     /// A load and a friction that differs between the directions are one but where the axis turns round, a
