@@ -30,9 +30,16 @@ pub(super) struct Balance {
     pub(super) stage_later_s: Option<f64>,
     /// Columns that never change, by number.
     fixed: Vec<(Number, Column)>,
-    /// The newest of the others, by number (none: the target) and what they were made with: a state that is
-    /// built anew has mostly moved something else.
-    newest: Mutex<Vec<(Option<Number>, [f64; 3], Column)>>,
+    /// The newest of the others, of each number (none: the target): a state that is built anew has mostly moved
+    /// something else.
+    newest: Mutex<Vec<Made>>,
+}
+
+/// A column and what it was made with.
+struct Made {
+    number: Option<Number>,
+    with: [f64; 3],
+    column: Column,
 }
 
 impl Balance {
@@ -192,21 +199,15 @@ impl Balance {
         self.made_once(None, path_key(path), || self.target(path))
     }
 
-    fn made_once(
-        &self,
-        number: Option<Number>,
-        made_with: [f64; 3],
-        of: impl FnOnce() -> TimeColumn,
-    ) -> Column {
+    fn made_once(&self, number: Option<Number>, with: [f64; 3], of: impl FnOnce() -> TimeColumn) -> Column {
         let newest = || self.newest.lock().unwrap_or_else(PoisonError::into_inner);
-        let is = |(n, with, _): &&(Option<Number>, [f64; 3], Column)| *n == number && *with == made_with;
-        if let Some((_, _, column)) = newest().iter().find(is) {
-            return column.clone();
+        if let Some(made) = newest().iter().find(|made| made.number == number && made.with == with) {
+            return made.column.clone();
         }
         let column = self.column(&of());
         let mut newest = newest();
-        newest.retain(|(n, _, _)| *n != number);
-        newest.push((number, made_with, column.clone()));
+        newest.retain(|made| made.number != number);
+        newest.push(Made { number, with, column: column.clone() });
         column
     }
 
