@@ -16,8 +16,9 @@ use std::f64::consts::TAU;
 pub(super) struct Rest {
     /// Root mean square of what is above the floor in the direction where it is largest, N.
     pub(super) force_n: f64,
-    /// What the steps of the recorded force make of it there, N: at rest they stand, and no floor shows them.
-    pub(super) rounding_n: f64,
+    /// What every axis leaves there, N: the steps of the recorded force, which stand at rest so that no floor
+    /// shows them, or the texture of its guides.
+    pub(super) usual_n: f64,
     /// The floor in the same bands, N.
     pub(super) floor_n: f64,
     /// The floor over the whole band, motor and stage, N.
@@ -35,7 +36,7 @@ impl Rest {
     /// True where it stands above the floor by itself, or above what the model states to leave.
     pub(super) fn is_left(&self, stated_n: f64) -> bool {
         let c = &Criteria::STANDARD;
-        self.force_n > self.floor_n.max(c.repeat_factor * stated_n).max(self.rounding_n)
+        self.force_n > self.floor_n.max(c.repeat_factor * stated_n).max(self.usual_n)
     }
 }
 
@@ -107,9 +108,10 @@ pub(super) fn rest_of(balance: &Balance, state: &State, (design, beta): (&Design
     let port = port_of(balance, state, (design, beta), &floors);
     let steps_n = balance.signals.tracks.iter().map(|t| t.reference.step_n);
     let of_force = !two || port == Port::Motor;
+    // A step of q is a noise of q^2 / 12.
+    let rounding_n = if of_force { steps_n.fold(0.0, f64::max) / 12.0_f64.sqrt() } else { 0.0 };
     Rest {
-        // A step of q is a noise of q^2 / 12.
-        rounding_n: if of_force { steps_n.fold(0.0, f64::max) / 12.0_f64.sqrt() } else { 0.0 },
+        usual_n: rounding_n.max(Criteria::STANDARD.texture * state.dry_n()),
         force_n: largest(excess).max(0.0).sqrt(),
         floor_n: floor.sqrt(),
         floors_n: whole.map(f64::sqrt),
