@@ -3,8 +3,9 @@
 use super::evidence::level;
 use super::gram::BandGram;
 use super::likelihood::{Design, ITERATIONS, Spread};
-use super::number::Mechanics;
+use super::number::{Mechanics, Number};
 use super::signals::Layout;
+use super::spectra::Spectrum;
 use super::state::{Balance, State, residual};
 use crate::diagnosis::criteria::Criteria;
 use crate::plant::effects::Port;
@@ -171,10 +172,43 @@ fn port_of(balance: &Balance, state: &State, (design, beta): (&Design, &[f64]), 
     let ports = [Port::Motor, Port::Stage, Port::Coupling, Port::MotorEncoder, Port::StageEncoder];
     let gains = ports.map(|p| nats(&p));
     let best = (0..ports.len()).max_by(|a, b| gains[*a].total_cmp(&gains[*b])).unwrap_or(1);
-    // Where nothing tells the spring from the encoders at its ends, it is the scale that drifts.
-    let alike = matches!(ports[best], Port::Coupling | Port::MotorEncoder)
-        && gains[best] - gains[4] < level(state, (1, 0.0));
-    if alike { Port::StageEncoder } else { ports[best] }
+    let level_nats = level(state, (1, 0.0));
+    let [.., coupling, _, scale] = gains;
+    if best < 2 || gains[best] - scale > level_nats {
+        return ports[best];
+    }
+    // Where nothing tells the spring from the encoders at its ends it is the spring if it goes with the
+    // stretch, and else the scale that drifts.
+    let alike = scale - coupling < level_nats.max(Criteria::STANDARD.exactness * scale);
+    if alike && goes_with_stretch(balance, state, stage) { Port::Coupling } else { Port::StageEncoder }
+}
+
+/// Whether more than half of what is left at the stage is linear in the stretch, as that of a spring is whose
+/// stiffness depends on frequency: by the coherence of both in each band of each recording.
+fn goes_with_stretch(balance: &Balance, state: &State, left: &Spectrum) -> bool {
+    let plan = &balance.plan;
+    let column = state.base.numbers.iter().position(|n| *n == Number::Stiffness);
+    let column = column.map(|k| state.base.gram.column(1 + k));
+    let Some(stretch) = column.and_then(|c| c.sides[1].as_ref()) else { return false };
+    let [low_hz, _] = plan.floor_hz();
+    let (mut linear, mut whole) = (0.0, 0.0);
+    for recording in 0..plan.recordings() {
+        for band in (0..plan.bands()).filter(|band| plan.band_hz(*band)[1] < low_hz) {
+            let cells = plan.cells.iter().filter(|c| c.recording == recording && c.band == band);
+            let (mut of_both, mut of_stretch, mut of_left) = (Complex::new(0.0, 0.0), 0.0, 0.0);
+            for cell in cells {
+                let pairs = cell.of(stretch).chunks_exact(2).zip(cell.of(left).chunks_exact(2));
+                for (s, r) in pairs.map(|(s, r)| (Complex::new(s[0], s[1]), Complex::new(r[0], r[1]))) {
+                    of_both += s.conj() * r;
+                    of_stretch += s.norm_sqr();
+                    of_left += r.norm_sqr();
+                }
+            }
+            linear += of_both.norm_sqr() / of_stretch.max(f64::MIN_POSITIVE);
+            whole += of_left;
+        }
+    }
+    2.0 * linear > whole
 }
 
 /// Force at motor and stage of a unit at a port, at w rad/s; of an encoder a metre, elsewhere a newton.
