@@ -184,7 +184,7 @@ fn port_of(balance: &Balance, state: &State, (design, beta): (&Design, &[f64]), 
 }
 
 /// Whether more than half of what is left at the stage is linear in the stretch, as that of a spring is whose
-/// stiffness depends on frequency: by the coherence of both in each band of each recording.
+/// stiffness depends on frequency: by the coherence of both over the blocks, at each frequency.
 fn goes_with_stretch(balance: &Balance, state: &State, left: &Spectrum) -> bool {
     let plan = &balance.plan;
     let column = state.base.numbers.iter().position(|n| *n == Number::Stiffness);
@@ -194,21 +194,39 @@ fn goes_with_stretch(balance: &Balance, state: &State, left: &Spectrum) -> bool 
     let (mut linear, mut whole) = (0.0, 0.0);
     for recording in 0..plan.recordings() {
         for band in (0..plan.bands()).filter(|band| plan.band_hz(*band)[1] < low_hz) {
-            let cells = plan.cells.iter().filter(|c| c.recording == recording && c.band == band);
-            let (mut of_both, mut of_stretch, mut of_left) = (Complex::new(0.0, 0.0), 0.0, 0.0);
-            for cell in cells {
+            let mut bins = vec![Coherence::default(); plan.width(band)];
+            for cell in plan.cells.iter().filter(|c| c.recording == recording && c.band == band) {
                 let pairs = cell.of(stretch).chunks_exact(2).zip(cell.of(left).chunks_exact(2));
-                for (s, r) in pairs.map(|(s, r)| (Complex::new(s[0], s[1]), Complex::new(r[0], r[1]))) {
-                    of_both += s.conj() * r;
-                    of_stretch += s.norm_sqr();
-                    of_left += r.norm_sqr();
-                }
+                let count = bins.len();
+                pairs.enumerate().for_each(|(k, (s, r))| bins[k % count].take(s, r));
             }
-            linear += of_both.norm_sqr() / of_stretch.max(f64::MIN_POSITIVE);
-            whole += of_left;
+            linear += bins.iter().map(Coherence::linear).sum::<f64>();
+            whole += bins.iter().map(|bin| bin.of_left).sum::<f64>();
         }
     }
     2.0 * linear > whole
+}
+
+/// Of two complex series.
+#[derive(Debug, Clone, Copy, Default)]
+struct Coherence {
+    of_both: Complex<f64>,
+    of_stretch: f64,
+    of_left: f64,
+}
+
+impl Coherence {
+    fn take(&mut self, stretch: &[f64], left: &[f64]) {
+        let [s, r] = [stretch, left].map(|x| Complex::new(x[0], x[1]));
+        self.of_both += s.conj() * r;
+        self.of_stretch += s.norm_sqr();
+        self.of_left += r.norm_sqr();
+    }
+
+    /// Power of the second that is linear in the first.
+    fn linear(&self) -> f64 {
+        self.of_both.norm_sqr() / self.of_stretch.max(f64::MIN_POSITIVE)
+    }
 }
 
 /// Force at motor and stage of a unit at a port, at w rad/s; of an encoder a metre, elsewhere a newton.

@@ -142,8 +142,13 @@ impl Plan {
 
     /// Frequency of a value of a cell of a band, Hz.
     pub(super) fn hz(&self, band: usize, value: usize) -> f64 {
+        (self.bands[band][0] + value % self.width(band)) as f64 * self.bin_hz
+    }
+
+    /// Number of frequencies of a band.
+    pub(super) fn width(&self, band: usize) -> usize {
         let [from, to] = self.bands[band];
-        (from + value % (to - from)) as f64 * self.bin_hz
+        to - from
     }
 
     /// True where masks leave something to fit and something to judge it by.
