@@ -215,20 +215,19 @@ impl ReadLaw {
     }
 }
 
+/// Position error, velocity of the command and filtered one of the motor, the integral of each, and the
+/// reference; or factors of these.
+type Row = [f64; 7];
+
 /// Of the signals that a law is made of and the reference, less their means, all inner products: what any
 /// gains leave of the reference follows from them.
 #[derive(Debug, Clone, Copy)]
 struct Ingredients {
     taken: f64,
-    products: [[f64; Self::COUNT]; Self::COUNT],
+    products: [Row; 7],
 }
 
 impl Ingredients {
-    /// Position error, velocity of the command and filtered one of the motor, the integral of each, and the
-    /// reference.
-    const COUNT: usize = 7;
-    const REFERENCE: usize = Self::COUNT - 1;
-
     fn of(period_s: f64, r: &LoopRecord, taken: f64) -> Self {
         let lengths = [&r.command_m, &r.motor_m, &r.stage_m, &r.reference].map(Vec::len);
         let count = lengths.into_iter().fold(ReadLaw::MOST_ROWS, usize::min);
@@ -244,14 +243,14 @@ impl Ingredients {
             let [[apart, command, motor], [of_apart, of_command, of_motor]] = [now, integrals];
             [apart, command, motor, of_apart, of_command, of_motor, r.reference[k]]
         });
-        let rows: Vec<[f64; Self::COUNT]> = rows.collect();
-        let mut means = [0.0; Self::COUNT];
+        let rows: Vec<Row> = rows.collect();
+        let mut means = Row::default();
         for row in &rows {
             means.iter_mut().zip(row).for_each(|(mean, x)| *mean += x / count as f64);
         }
-        let mut products = [[0.0; Self::COUNT]; Self::COUNT];
+        let mut products = [Row::default(); 7];
         for row in rows {
-            let row: [f64; Self::COUNT] = std::array::from_fn(|i| row[i] - means[i]);
+            let row: Row = std::array::from_fn(|i| row[i] - means[i]);
             for (products, x) in products.iter_mut().zip(row) {
                 products.iter_mut().zip(row).for_each(|(sum, y)| *sum += x * y);
             }
@@ -259,8 +258,8 @@ impl Ingredients {
         Self { taken, products }
     }
 
-    fn product(&self, a: &[f64; Self::COUNT], b: &[f64; Self::COUNT]) -> f64 {
-        let with = |row: &[f64; Self::COUNT]| row.iter().zip(b).map(|(p, b)| p * b).sum::<f64>();
+    fn product(&self, a: &Row, b: &Row) -> f64 {
+        let with = |row: &Row| row.iter().zip(b).map(|(p, b)| p * b).sum::<f64>();
         self.products.iter().zip(a).map(|(row, a)| a * with(row)).sum()
     }
 
@@ -278,9 +277,8 @@ impl Ingredients {
     }
 
     /// u = a x + b y + offset by least squares, and the share of the changes of u that it leaves.
-    fn fit_pair(&self, x: &[f64; Self::COUNT], y: &[f64; Self::COUNT]) -> Option<([f64; 2], f64)> {
-        let mut u = [0.0; Self::COUNT];
-        u[Self::REFERENCE] = 1.0;
+    fn fit_pair(&self, x: &Row, y: &Row) -> Option<([f64; 2], f64)> {
+        let u = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0];
         let (xx, xy, xu) = (self.product(x, x), self.product(x, y), self.product(x, &u));
         let (yy, yu, uu) = (self.product(y, y), self.product(y, &u), self.product(&u, &u));
         let determinant = xx * yy - xy * xy;
