@@ -392,7 +392,6 @@ impl<'a> Source<'a> {
 
     fn settings(&self, config: &ServiceConfig, band: Option<Band>) -> PipelineSettings {
         let configured = config.pipeline_settings(self.rate, &self.axes);
-        let of_this_lathe = self.axes.iter().all(|axis| config.machine.axis(axis).is_some());
         let mut settings = match &self.signals {
             Signals::Servo(_) => configured,
             Signals::Direct(_) => PipelineSettings {
@@ -412,7 +411,7 @@ impl<'a> Source<'a> {
                 band: configured.band,
                 tools: None,
                 infeed: None,
-                stated_pitch_rad: configured.stated_pitch_rad.filter(|_| of_this_lathe),
+                stated_pitch_rad: None,
                 margin: None,
                 mean: self.mean,
                 false_alarm_s: config.false_alarm_s,
@@ -420,6 +419,9 @@ impl<'a> Source<'a> {
         };
         if let Some(band) = band {
             settings.band = BandPlan::Stated(band);
+        }
+        if self.cut.pitch_rad.is_none() {
+            settings.stated_pitch_rad = config.stated_pitch_rad(&self.axes);
         }
         settings
     }

@@ -498,18 +498,26 @@ impl ServiceConfig {
             let index = axes.iter().position(|a| a == axis)?;
             Some(ToolAxis { index, zero_m: *zero_m, toward: *toward })
         };
-        let tools = &self.cut.tools;
         PipelineSettings {
             sample_rate,
             axes: axes.iter().map(plan).collect(),
             band: self.band.map_or_else(|| self.predicted_band(), BandPlan::Stated),
             tools: tool_axis(&self.tools),
             infeed: tool_axis(&self.infeed),
-            stated_pitch_rad: (tools.count() == ToolCount::Two).then(|| tools.pitch_difference_rad()),
+            stated_pitch_rad: None,
             margin: Some(self.margin_plan()),
             mean: MeanForce::OverAir,
             false_alarm_s: self.false_alarm_s,
         }
+    }
+
+    /// theta_2 - theta_1 as stated, rad, of a stream in which nothing ever reports it. `None`: one tool, or
+    /// no axis of the machine.
+    #[must_use]
+    pub fn stated_pitch_rad(&self, axes: &[String]) -> Option<f64> {
+        let ours = axes.iter().any(|axis| self.machine.axis(axis).is_some());
+        let two = self.cut.tools.count() == ToolCount::Two;
+        (ours && two).then(|| self.cut.tools.pitch_difference_rad())
     }
 
     /// A line for each setting that names an axis which a stream of these axes does not have.

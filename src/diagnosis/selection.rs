@@ -29,23 +29,31 @@ impl Work {
         Self::new(half)
     }
 
-    /// Pieces of work on two threads, each within its share of what is left; results in order.
+    /// Pieces of work on two threads, each within its share of what is left; results in order. One for which
+    /// that was too little is done again with what the others did not need.
     pub(crate) fn on_two_cores<T: Sync, R: Send>(
         &mut self,
         items: &[T],
         of: impl Fn(&T, &mut Self) -> R + Sync,
     ) -> Vec<R> {
-        let share = self.limit.saturating_sub(self.spent) / (items.len() as u64).max(1);
-        let done = on_two_cores(items, |item| {
-            let mut own = Self::new(share);
+        let left = |work: &Self| work.limit.saturating_sub(work.spent);
+        let share = left(self) / (items.len() as u64).max(1);
+        let within = |item: &T, limit: u64| {
+            let mut own = Self::new(limit);
             (of(item, &mut own), own)
-        });
-        let take = |(result, own): (R, Self)| {
+        };
+        let done = on_two_cores(items, |item| within(item, share));
+        done.iter().filter(|(_, own)| !own.refused).for_each(|(_, own)| self.spend(own.spent));
+        let finish = |(item, (result, own)): (&T, (R, Self))| {
+            if !own.refused {
+                return result;
+            }
+            let (result, own) = if left(self) > share { within(item, left(self)) } else { (result, own) };
             self.spend(own.spent);
             self.refused |= own.refused;
             result
         };
-        done.into_iter().map(take).collect()
+        items.iter().zip(done).map(finish).collect()
     }
 
     /// Takes `evaluations` off the budget; false where they are not there: then nothing may be computed.
@@ -123,6 +131,8 @@ pub(crate) trait Subject {
     type Model: Clone;
     /// One law with its shape.
     type Hypothesis: Clone;
+    /// Hypotheses that are fitted beside one another.
+    const AT_ONCE: usize = 1;
 
     /// Name of the effect and port of a hypothesis.
     fn name(&self, hypothesis: &Self::Hypothesis) -> (&'static str, Port);
@@ -214,11 +224,11 @@ pub(crate) fn select<S: Subject>(
         };
         let screened = one_each(subject, screened);
         let (mut fitted, mut asked) = (Vec::new(), 0);
-        for pair in screened[..reach.fitted.min(screened.len())].chunks(2) {
-            progress(work.share(), subject.name(&pair[0].hypothesis).0);
-            let hypotheses: Vec<_> = pair.iter().map(|s| s.hypothesis.clone()).collect();
+        for some in screened[..reach.fitted.min(screened.len())].chunks(S::AT_ONCE) {
+            some.iter().for_each(|s| progress(work.share(), subject.name(&s.hypothesis).0));
+            let hypotheses: Vec<_> = some.iter().map(|s| s.hypothesis.clone()).collect();
             fitted.extend(subject.fit_each(&out.model, &hypotheses, work));
-            asked += pair.len();
+            asked += some.len();
         }
         out.out_of_budget |= fitted.len() < asked && work.refused;
         subject.compare(&out.model, &mut fitted);
@@ -340,6 +350,15 @@ mod tests {
         assert!(!refused.qualifies() && out.rounds[0].fitted[0].hypothesis == 2);
         assert_eq!(out.rounds.iter().map(|r| r.accepted).collect::<Vec<_>>(), [true, false]);
         assert!(!out.out_of_budget);
+    }
+
+    #[test]
+    fn pieces_of_work_have_what_the_others_do_not_need() {
+        for (pieces, all, spent) in [([10, 70], true, 80), ([40, 45], true, 85), ([10, 95], false, 100)] {
+            let mut work = Work::new(100);
+            let done = work.on_two_cores(&pieces, |n: &u64, work| (0..*n).all(|_| work.take(1)));
+            assert_eq!((done, work.refused, work.spent), (vec![true, all], !all, spent), "{pieces:?}");
+        }
     }
 
     #[test]

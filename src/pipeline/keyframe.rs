@@ -110,8 +110,8 @@ impl Pipeline {
         let mut digest = Digest::default();
         let Self { settings, .. } = self;
         let text = format!(
-            "{:?} {:?} {:?} {:?}",
-            settings.sample_rate, settings.axes, settings.tools, settings.margin
+            "{:?} {:?} {:?} {:?} {:?}",
+            settings.sample_rate, settings.axes, settings.tools, settings.margin, settings.stated_pitch_rad
         );
         digest.bytes(env!("CARGO_PKG_VERSION").as_bytes());
         digest.bytes(text.as_bytes());

@@ -141,8 +141,8 @@ pub struct PipelineSettings {
     pub tools: Option<ToolAxis>,
     /// What tells the radius at the tools.
     pub infeed: Option<ToolAxis>,
-    /// How two opposed tools stand that cut the waves of each other while nothing reports it: theta_2 -
-    /// theta_1, rad. Nothing: the axes are not known to be of such a lathe.
+    /// How two opposed tools stand that cut the waves of each other, theta_2 - theta_1, rad, where the stream
+    /// has no report of it at all. Nothing: a stream that reports it, or none of such a lathe.
     pub stated_pitch_rad: Option<f64>,
     /// What the stability margin rests on; nothing: no margin is estimated.
     pub margin: Option<MarginPlan>,

@@ -479,18 +479,17 @@ fn a_stated_pitch_tells_tones_where_none_is_reported() {
                 pitch_difference_rad: reported,
                 ..CutConditions::default()
             };
-            let heard = (0..36_000).filter(|n| {
-                let t_s = f64::from(*n) / 9000.0;
+            (0..36_000).any(|n| {
+                let t_s = f64::from(n) / 9000.0;
                 let size_n = 1.5 * ((t_s - 3.0) / 0.03).clamp(0.0, 1.0);
                 let mean_n = if t_s > 0.5 { 60.0 } else { 0.0 };
                 let force_n = mean_n + size_n * line(t_s, line_hz) + 2.0 * noise.next();
                 let force = ForceEstimate { force_n, flags: Validity::VALID };
                 let output = pipeline.step_estimates(t_s, &[force], &conditions);
                 matches!(output.event, Some((_, ChatterEvent::Onset(_))))
-            });
-            heard.count()
+            })
         };
-        (1..13).map(of).sum::<usize>()
+        (1..13).filter(|seed| of(*seed)).count()
     };
     let damped = [(None, None), (Some(0.0), None), (None, Some(0.0))].map(|(s, r)| alarms(630.0, s, r));
     let fed = [None, Some(0.0)].map(|stated| alarms(650.0, stated, None));

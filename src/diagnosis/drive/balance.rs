@@ -30,8 +30,8 @@ pub(super) struct Balance {
     pub(super) stage_later_s: Option<f64>,
     /// Columns that never change, by number.
     fixed: Vec<(Number, Column)>,
-    /// The newest of the others, of each number (none: the target): a state that is built anew has mostly
-    /// moved something else.
+    /// The newest of those that go with path or friction, of each number (none: the target): a state that is
+    /// built anew has mostly moved something else.
     newest: Mutex<Vec<Made>>,
 }
 

@@ -34,7 +34,8 @@ pub(super) struct Rest {
 }
 
 impl Rest {
-    /// True where it stands above the floor by itself, or above what the model states to leave.
+    /// True where it stands above the floor by itself, above what the model states to leave, and above what
+    /// every axis leaves.
     pub(super) fn is_left(&self, stated_n: f64) -> bool {
         let c = &Criteria::STANDARD;
         self.force_n > self.floor_n.max(c.repeat_factor * stated_n).max(self.usual_n)
@@ -111,8 +112,15 @@ pub(super) fn rest_of(balance: &Balance, state: &State, (design, beta): (&Design
     let of_force = !two || port == Port::Motor;
     // A step of q is a noise of q^2 / 12.
     let rounding_n = if of_force { steps_n.fold(0.0, f64::max) / 12.0_f64.sqrt() } else { 0.0 };
+    // All dry friction is in the one number of one position, and no friction is more than the thrust.
+    let thrust_n = all.iter().map(|b| b.products[0][0] * scale).sum::<f64>().sqrt();
+    let dry_n = match port {
+        Port::Motor | Port::Stage if two => state.dry_n().min(thrust_n),
+        Port::Motor | Port::Stage => state.coulomb_n().min(thrust_n),
+        _ => 0.0,
+    };
     Rest {
-        usual_n: rounding_n.max(Criteria::STANDARD.texture * state.dry_n()),
+        usual_n: rounding_n.max(Criteria::STANDARD.texture * dry_n),
         force_n: largest(excess).max(0.0).sqrt(),
         floor_n: floor.sqrt(),
         floors_n: whole.map(f64::sqrt),
@@ -172,24 +180,25 @@ fn port_of(balance: &Balance, state: &State, (design, beta): (&Design, &[f64]), 
     let ports = [Port::Motor, Port::Stage, Port::Coupling, Port::MotorEncoder, Port::StageEncoder];
     let gains = ports.map(|p| nats(&p));
     let best = (0..ports.len()).max_by(|a, b| gains[*a].total_cmp(&gains[*b])).unwrap_or(1);
-    let level_nats = level(state, (1, 0.0));
-    let [.., coupling, _, scale] = gains;
-    if best < 2 || gains[best] - scale > level_nats {
-        return ports[best];
+    let (level_nats, [.., coupling, _, scale]) = (level(state, (1, 0.0)), gains);
+    // Where nothing tells the spring from the encoders at its ends it is the spring if it goes with its
+    // force, and else the scale that drifts.
+    let alike_nats = level_nats.max(Criteria::STANDARD.exactness * gains[best]);
+    if best >= 2 && gains[best] - coupling < alike_nats && goes_with_spring(balance, state, stage) {
+        return Port::Coupling;
     }
-    // Where nothing tells the spring from the encoders at its ends it is the spring if it goes with the
-    // stretch, and else the scale that drifts.
-    let alike = scale - coupling < level_nats.max(Criteria::STANDARD.exactness * scale);
-    if alike && goes_with_stretch(balance, state, stage) { Port::Coupling } else { Port::StageEncoder }
+    if best >= 2 && gains[best] - scale < level_nats { Port::StageEncoder } else { ports[best] }
 }
 
-/// Whether more than half of what is left at the stage is linear in the stretch, as that of a spring is whose
-/// stiffness depends on frequency: by the coherence of both over the blocks, at each frequency.
-fn goes_with_stretch(balance: &Balance, state: &State, left: &Spectrum) -> bool {
+/// Whether more than half of what is left at the stage is linear in what that needs of its spring, as it is
+/// of one whose stiffness depends on frequency: by the coherence of both over the blocks of a recording, at
+/// each frequency. K d + left is what masses and frictions of the stage need: an error of the scale is in the
+/// stretch d, and not in that.
+fn goes_with_spring(balance: &Balance, state: &State, left: &Spectrum) -> bool {
     let plan = &balance.plan;
-    let column = state.base.numbers.iter().position(|n| *n == Number::Stiffness);
-    let column = column.map(|k| state.base.gram.column(1 + k));
-    let Some(stretch) = column.and_then(|c| c.sides[1].as_ref()) else { return false };
+    let Some(place) = state.base.numbers.iter().position(|n| *n == Number::Stiffness) else { return false };
+    let Some(stretch) = state.base.gram.column(1 + place).sides[1].as_ref() else { return false };
+    let stiffness_n_m = state.base.fit.beta[place];
     let [low_hz, _] = plan.floor_hz();
     let (mut linear, mut whole) = (0.0, 0.0);
     for recording in 0..plan.recordings() {
@@ -198,7 +207,12 @@ fn goes_with_stretch(balance: &Balance, state: &State, left: &Spectrum) -> bool 
             for cell in plan.cells.iter().filter(|c| c.recording == recording && c.band == band) {
                 let pairs = cell.of(stretch).chunks_exact(2).zip(cell.of(left).chunks_exact(2));
                 let count = bins.len();
-                pairs.enumerate().for_each(|(k, (s, r))| bins[k % count].take(s, r));
+                for (k, (d, r)) in pairs.enumerate() {
+                    let [d, r] = [d, r].map(|x| Complex::new(x[0], x[1]));
+                    // At the stage the column is the stretch with its sign turned, and what is left is what
+                    // the spring gives less what is needed.
+                    bins[k % count].take(stiffness_n_m * d + r, r);
+                }
             }
             linear += bins.iter().map(Coherence::linear).sum::<f64>();
             whole += bins.iter().map(|bin| bin.of_left).sum::<f64>();
@@ -210,22 +224,25 @@ fn goes_with_stretch(balance: &Balance, state: &State, left: &Spectrum) -> bool 
 /// Of two complex series.
 #[derive(Debug, Clone, Copy, Default)]
 struct Coherence {
+    values: f64,
     of_both: Complex<f64>,
-    of_stretch: f64,
+    of_spring: f64,
     of_left: f64,
 }
 
 impl Coherence {
-    fn take(&mut self, stretch: &[f64], left: &[f64]) {
-        let [s, r] = [stretch, left].map(|x| Complex::new(x[0], x[1]));
-        self.of_both += s.conj() * r;
-        self.of_stretch += s.norm_sqr();
-        self.of_left += r.norm_sqr();
+    fn take(&mut self, spring: Complex<f64>, left: Complex<f64>) {
+        self.values += 1.0;
+        self.of_both += spring.conj() * left;
+        self.of_spring += spring.norm_sqr();
+        self.of_left += left.norm_sqr();
     }
 
-    /// Power of the second that is linear in the first.
+    /// Power of the second that is linear in the first, less what chance has of it: of n values one.
     fn linear(&self) -> f64 {
-        self.of_both.norm_sqr() / self.of_stretch.max(f64::MIN_POSITIVE)
+        let linear = self.of_both.norm_sqr() / self.of_spring.max(f64::MIN_POSITIVE);
+        let by_chance = (self.of_left - linear) / (self.values - 1.0).max(f64::MIN_POSITIVE);
+        if self.values < 2.0 { 0.0 } else { (linear - by_chance).max(0.0) }
     }
 }
 

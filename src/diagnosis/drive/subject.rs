@@ -473,6 +473,8 @@ impl Subject for Drive<'_> {
         Some(Fitted { hypothesis: h, model, evidence_nats, level_nats: self.level(state), at_bound })
     }
 
+    const AT_ONCE: usize = 2;
+
     fn fit_each(
         &self,
         state: &State,

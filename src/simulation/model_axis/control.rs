@@ -215,8 +215,8 @@ impl ReadLaw {
     }
 }
 
-/// Position error, velocity of the command and filtered one of the motor, the integral of each, and the
-/// reference; or factors of these.
+/// Position error, filtered velocity of the motor and that of the command less it, the integral of each, and
+/// the reference; or factors of these.
 type Row = [f64; 7];
 
 /// Of the signals that a law is made of and the reference, less their means, all inner products: what any
@@ -238,10 +238,11 @@ impl Ingredients {
             if k > 0 {
                 velocity_m_s += taken * (change(&r.motor_m, k) - velocity_m_s);
             }
-            let now = [r.command_m[k] - r.stage_m[k], change(&r.command_m, k), velocity_m_s];
+            let behind = change(&r.command_m, k) - velocity_m_s;
+            let now = [r.command_m[k] - r.stage_m[k], velocity_m_s, behind];
             integrals.iter_mut().zip(now).for_each(|(sum, x)| *sum += x * period_s);
-            let [[apart, command, motor], [of_apart, of_command, of_motor]] = [now, integrals];
-            [apart, command, motor, of_apart, of_command, of_motor, r.reference[k]]
+            let [[apart, motor, behind], [of_apart, of_motor, of_behind]] = [now, integrals];
+            [apart, motor, behind, of_apart, of_motor, of_behind, r.reference[k]]
         });
         let rows: Vec<Row> = rows.collect();
         let mut means = Row::default();
@@ -266,14 +267,16 @@ impl Ingredients {
     /// The two gains by least squares, whether the command's velocity is fed forward or not.
     fn fit(&self, integral_1_s: f64) -> Option<ReadLaw> {
         let k = integral_1_s;
-        let of = |f: f64| {
-            let (apart, speed) = ([1.0, 0.0, 0.0, k, 0.0, 0.0, 0.0], [0.0, f, -1.0, 0.0, f * k, -k, 0.0]);
+        let apart = [1.0, 0.0, 0.0, k, 0.0, 0.0, 0.0];
+        let fed_forward = [0.0, 0.0, 1.0, 0.0, 0.0, k, 0.0];
+        let of = |speed: Row| {
             let ([of_apart, slope], share) = self.fit_pair(&apart, &speed)?;
             let position_gain_1_s = of_apart / slope;
             let is_law = slope > 0.0 && position_gain_1_s > 0.0 && share.is_finite();
             is_law.then_some(ReadLaw { taken: self.taken, integral_1_s, position_gain_1_s, slope, share })
         };
-        [0.0, 1.0].into_iter().filter_map(of).min_by(|a, b| a.share.total_cmp(&b.share))
+        let alone = [0.0, -1.0, 0.0, 0.0, -k, 0.0, 0.0];
+        [alone, fed_forward].into_iter().filter_map(of).min_by(|a, b| a.share.total_cmp(&b.share))
     }
 
     /// u = a x + b y + offset by least squares, and the share of the changes of u that it leaves.
