@@ -131,8 +131,6 @@ pub(crate) trait Subject {
     type Model: Clone;
     /// One law with its shape.
     type Hypothesis: Clone;
-    /// Hypotheses that are fitted beside one another.
-    const AT_ONCE: usize = 1;
 
     /// Name of the effect and port of a hypothesis.
     fn name(&self, hypothesis: &Self::Hypothesis) -> (&'static str, Port);
@@ -148,14 +146,19 @@ pub(crate) trait Subject {
         work: &mut Work,
     ) -> Option<Fitted<Self::Hypothesis, Self::Model>>;
 
-    /// Several, in order, without those that have no fit.
+    /// Several, in order, without those that have no fit; tells of each that it begins.
     fn fit_each(
         &self,
         model: &Self::Model,
         hypotheses: &[Self::Hypothesis],
         work: &mut Work,
+        begins: &dyn Fn(&Work, &Self::Hypothesis),
     ) -> Vec<Fitted<Self::Hypothesis, Self::Model>> {
-        hypotheses.iter().filter_map(|h| self.fit(model, h, work)).collect()
+        let of = |h| {
+            begins(work, h);
+            self.fit(model, h, work)
+        };
+        hypotheses.iter().filter_map(of).collect()
     }
 
     /// A round is complete: evidence against the best that "nothing more" came to in it. A fit that found
@@ -223,14 +226,10 @@ pub(crate) fn select<S: Subject>(
             break;
         };
         let screened = one_each(subject, screened);
-        let (mut fitted, mut asked) = (Vec::new(), 0);
-        for some in screened[..reach.fitted.min(screened.len())].chunks(S::AT_ONCE) {
-            some.iter().for_each(|s| progress(work.share(), subject.name(&s.hypothesis).0));
-            let hypotheses: Vec<_> = some.iter().map(|s| s.hypothesis.clone()).collect();
-            fitted.extend(subject.fit_each(&out.model, &hypotheses, work));
-            asked += some.len();
-        }
-        out.out_of_budget |= fitted.len() < asked && work.refused;
+        let asked: Vec<_> = screened.iter().take(reach.fitted).map(|s| s.hypothesis.clone()).collect();
+        let begins = |work: &Work, h: &S::Hypothesis| progress(work.share(), subject.name(h).0);
+        let mut fitted = subject.fit_each(&out.model, &asked, work, &begins);
+        out.out_of_budget |= fitted.len() < asked.len() && work.refused;
         subject.compare(&out.model, &mut fitted);
         best_first(&mut fitted);
         let open = if taken < reach.most_findings { &mut fitted[..] } else { &mut [] };

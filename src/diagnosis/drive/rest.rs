@@ -108,19 +108,9 @@ pub(super) fn rest_of(balance: &Balance, state: &State, (design, beta): (&Design
         sum >= Criteria::STANDARD.excess_share * total
     });
     let port = port_of(balance, state, (design, beta), &floors);
-    let steps_n = balance.signals.tracks.iter().map(|t| t.reference.step_n);
-    let of_force = !two || port == Port::Motor;
-    // A step of q is a noise of q^2 / 12.
-    let rounding_n = if of_force { steps_n.fold(0.0, f64::max) / 12.0_f64.sqrt() } else { 0.0 };
-    // All dry friction is in the one number of one position, and no friction is more than the thrust.
     let thrust_n = all.iter().map(|b| b.products[0][0] * scale).sum::<f64>().sqrt();
-    let dry_n = match port {
-        Port::Motor | Port::Stage if two => state.dry_n().min(thrust_n),
-        Port::Motor | Port::Stage => state.coulomb_n().min(thrust_n),
-        _ => 0.0,
-    };
     Rest {
-        usual_n: rounding_n.max(Criteria::STANDARD.texture * dry_n),
+        usual_n: usual_n(balance, state, (port, thrust_n)),
         force_n: largest(excess).max(0.0).sqrt(),
         floor_n: floor.sqrt(),
         floors_n: whole.map(f64::sqrt),
@@ -128,6 +118,21 @@ pub(super) fn rest_of(balance: &Balance, state: &State, (design, beta): (&Design
         band_hz: [0.0, plan.band_hz(last.unwrap_or(0))[1]],
         shares: shares(excess).filter(|_| two),
     }
+}
+
+/// See [`Rest::usual_n`].
+fn usual_n(balance: &Balance, state: &State, (port, thrust_n): (Port, f64)) -> f64 {
+    let two = balance.signals.sides() == 2;
+    // A step of q is a noise of q^2 / 12.
+    let steps_n = balance.signals.tracks.iter().map(|t| t.reference.step_n / 12.0_f64.sqrt());
+    let rounding_n = steps_n.filter(|_| !two || port == Port::Motor).fold(0.0, f64::max);
+    // All dry friction is in the one number of one position, and no friction is more than the thrust.
+    let dry_n = match port {
+        Port::Motor | Port::Stage if two => state.dry_n(),
+        Port::Motor | Port::Stage => state.coulomb_n(),
+        _ => 0.0,
+    };
+    rounding_n.max(Criteria::STANDARD.texture * dry_n.min(thrust_n))
 }
 
 /// Shares of motor, stage and their sum in what is above the floor. A force between the two has no sum; of

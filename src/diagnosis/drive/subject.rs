@@ -473,16 +473,18 @@ impl Subject for Drive<'_> {
         Some(Fitted { hypothesis: h, model, evidence_nats, level_nats: self.level(state), at_bound })
     }
 
-    const AT_ONCE: usize = 2;
-
     fn fit_each(
         &self,
         state: &State,
         hypotheses: &[Hypothesis],
         work: &mut Work,
+        begins: &dyn Fn(&Work, &Hypothesis),
     ) -> Vec<Fitted<Hypothesis, State>> {
-        let fits = work.on_two_cores(hypotheses, |h, work| self.fit(state, h, work));
-        fits.into_iter().flatten().collect()
+        let pair = |pair: &[Hypothesis]| {
+            pair.iter().for_each(|h| begins(work, h));
+            work.on_two_cores(pair, |h, work| self.fit(state, h, work))
+        };
+        hypotheses.chunks(2).flat_map(pair).flatten().collect()
     }
 
     /// A load and a friction that differs between the directions are one but where the axis turns round, a
