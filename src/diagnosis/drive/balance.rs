@@ -28,22 +28,29 @@ pub(super) struct Balance {
     /// Where nobody states when both encoders are read: by how much later than stated the stage's was taken,
     /// s. What it is more is a number then.
     pub(super) stage_later_s: Option<f64>,
-    /// Columns that never change, by number.
-    fixed: Vec<(Number, Column)>,
-    /// The newest of those that go with path or friction, of each number (none: the target): a state that is
-    /// built anew has mostly moved something else.
+    /// The newest column of each number (none: the target): a state that is built anew has mostly moved
+    /// something else.
     newest: Mutex<Vec<Made>>,
 }
 
 /// A column and what it was made with.
 struct Made {
     number: Option<Number>,
-    with: [f64; 3],
+    with: MadeWith,
     column: Column,
 }
 
+/// What a column is made with beside the signals.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum MadeWith {
+    Nothing,
+    Path(Path),
+    /// The speed over which friction turns, m/s.
+    Turning(f64),
+}
+
 impl Balance {
-    /// Columns of the numbers that are linear in signals alone.
+    /// The axis, looked at in blocks and bands of what the masks leave.
     pub(super) fn new(
         drive: DriveParams,
         signals: Signals,
@@ -58,16 +65,7 @@ impl Balance {
             let rests = |r: usize, k: usize| signals.tracks[r].rests.get(k).copied().unwrap_or(false);
             plan = plan.looking_at(|r, k| !rests(r, k));
         }
-        let (fixed, newest) = (Vec::new(), Mutex::default());
-        let mut out = Self { drive, signals, plan, clock_moved, stage_later_s, fixed, newest };
-        let changing = |n: &Number| n.is_dry_friction() || matches!(n, N::Timing | N::EncoderTiming);
-        out.fixed = out
-            .numbers()
-            .into_iter()
-            .filter(|n| !changing(n))
-            .map(|n| (n, out.column(&out.linear(n))))
-            .collect();
-        out
+        Self { drive, signals, plan, clock_moved, stage_later_s, newest: Mutex::default() }
     }
 
     /// True where two positions are recorded and nobody states when each was read.
@@ -183,23 +181,22 @@ impl Balance {
 
     /// The spectra of a number's column.
     pub(super) fn spectra_of(&self, number: Number, state: &Ground<'_>) -> Column {
-        let made_with = match number {
-            N::Timing | N::Lag => path_key(state.path),
-            n if n.is_dry_friction() => [state.smoothing_m_s, 0.0, 0.0],
-            _ => {
-                let fixed = self.fixed.iter().find(|(n, _)| *n == number).map(|(_, column)| column.clone());
-                return fixed.unwrap_or_else(|| self.column(&self.number_column(number, state)));
-            }
+        let with = match number {
+            N::Timing | N::Lag => MadeWith::Path(state.path),
+            n if n.is_dry_friction() => MadeWith::Turning(state.smoothing_m_s),
+            // Of masses and stiffness, which always move.
+            N::EncoderTiming => return self.column(&self.number_column(number, state)),
+            _ => MadeWith::Nothing,
         };
-        self.made_once(Some(number), made_with, || self.number_column(number, state))
+        self.made_once(Some(number), with, || self.number_column(number, state))
     }
 
     /// The spectra of what is fitted to.
     pub(super) fn spectra_of_target(&self, path: Path) -> Column {
-        self.made_once(None, path_key(path), || self.target(path))
+        self.made_once(None, MadeWith::Path(path), || self.target(path))
     }
 
-    fn made_once(&self, number: Option<Number>, with: [f64; 3], of: impl FnOnce() -> TimeColumn) -> Column {
+    fn made_once(&self, number: Option<Number>, with: MadeWith, of: impl FnOnce() -> TimeColumn) -> Column {
         let newest = || self.newest.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(made) = newest().iter().find(|made| made.number == number && made.with == with) {
             return made.column.clone();
@@ -380,9 +377,4 @@ impl Standing {
             path: Path { delay_s: self.path.delay_s + self.timing_s, ..self.path },
         }
     }
-}
-
-/// What a column of the thrust was made with.
-fn path_key(path: Path) -> [f64; 3] {
-    [path.delay_s, path.loop_rad_s.unwrap_or(0.0), f64::from(u8::from(path.loop_rad_s.is_some()))]
 }

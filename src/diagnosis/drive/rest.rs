@@ -245,9 +245,11 @@ impl Coherence {
 
     /// Power of the second that is linear in the first, less what chance has of it: of n values one.
     fn linear(&self) -> f64 {
+        if self.values < 2.0 {
+            return 0.0;
+        }
         let linear = self.of_both.norm_sqr() / self.of_spring.max(f64::MIN_POSITIVE);
-        let by_chance = (self.of_left - linear) / (self.values - 1.0).max(f64::MIN_POSITIVE);
-        if self.values < 2.0 { 0.0 } else { (linear - by_chance).max(0.0) }
+        (linear - (self.of_left - linear) / (self.values - 1.0)).max(0.0)
     }
 }
 
