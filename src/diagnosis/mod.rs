@@ -3,6 +3,7 @@
 //! ```text
 //! recordings, model
 //!   first_look   sign, units, something moves               drive/recorded, drive/signals
+//!   encoders     what each reads wrong, by the other        drive/encoders
 //!   balance      thrust = numbers + laws, per position      drive/state, drive/columns
 //!   inner        products per recording, band, fold         drive/spectra, drive/gram
 //!   likelihood   numbers and noise spectrum free            drive/likelihood

@@ -43,6 +43,11 @@ impl Accepted {
         if self.is_one_column() { 1 } else { self.amplitudes.len() }
     }
 
+    /// Its force with the amplitudes that it has.
+    pub(super) fn sum(&self, ground: &Ground<'_>) -> TimeColumn {
+        TimeColumn::sum(self.hypothesis.columns(ground).iter().zip(self.amplitudes.iter().copied()))
+    }
+
     /// Its columns in a fit.
     pub(super) fn columns(&self, ground: &Ground<'_>) -> Vec<TimeColumn> {
         let all = match &self.stated {

@@ -2,6 +2,8 @@
 
 use super::case::{Case, Drives, Found};
 use super::closed_loop::closed_loop;
+use super::columns::TimeColumn;
+use super::encoders::ReadError;
 use super::evidence::{least_seen_n, level};
 use super::faults::force_faults;
 use super::heldout::{Named, Stepped, Written, fit_taken_out, foretold_n, without};
@@ -97,7 +99,7 @@ impl Case<'_> {
         let level = self.level(&state);
         let absent = absent(balance, &state, &doubt, level);
         let mut found = self.found(&state, &doubt, &absent, level);
-        found.extend(self.encoder_steps());
+        found.extend(self.of_encoders(&state));
         // The model says how much it leaves, and no more is left.
         let of_start = rest(balance, self.start);
         let as_stated = self.stated_rest_n > 0.0 && !of_start.is_left(self.stated_rest_n);
@@ -107,8 +109,7 @@ impl Case<'_> {
             settled = numbers::doubt(balance, self.start, &of_start);
         }
         let said: Vec<Number> = absent.iter().map(|a| a.number).collect();
-        let (design, beta) = fit_without(self.start, &said);
-        let before = rest_of(balance, self.start, (&design, &beta));
+        let before = self.before(&said);
         // What the written model leaves: a number that it does not state is none of it.
         let unsaid = unsaid(balance, &absent);
         let (design, beta) = fit_without(&state, &unsaid);
@@ -138,7 +139,8 @@ impl Case<'_> {
         let said = (&findings[..], &corrections[..]);
         let model = self.model(verdict, (of, &settled), said, (&left, is_left));
         let written = (&state, &numbers::with_none(&state, &unsaid, &beta)[..]);
-        let series = residuals(balance, (self.start, &stated_beta(balance, self.start)), written);
+        let series = residuals(balance, (self.start, &stated_beta(balance, self.start)), written)
+            .with(&self.error_forces(self.start));
         let axes = [
             self.stated.clone(),
             self.recalibrated(&state, &doubt, &told_wrong),
@@ -257,6 +259,55 @@ impl Case<'_> {
         list
     }
 
+    /// What encoders read wrong and no model says.
+    fn unstated_errors(&self) -> impl Iterator<Item = &ReadError> {
+        self.errors.iter().filter(|error| error.stated_m.is_none())
+    }
+
+    /// An encoder's error for people and as a term of a model.
+    pub(super) fn told_error(&self, error: &ReadError, state: &State) -> (Vec<Estimate>, PhysicsTerm) {
+        told(&error.law.hypothesis, &state.told(self.balance, &error.law, &error.deviations))
+    }
+
+    /// What an encoder reads wrong.
+    fn read_wrong(&self, error: &ReadError, state: &State) -> Found {
+        let all = self.recordings.iter().enumerate();
+        let along = all.map(|(k, r)| of_recording(k, r, error.along_m(self.axis, r).unwrap_or_default()));
+        let (estimates, term) = self.told_error(error, state);
+        Found {
+            term,
+            estimates,
+            evidence_nats: error.evidence_nats,
+            level_nats: error.level_nats,
+            contribution: along.collect(),
+            named: Named::Error(error.port()),
+        }
+    }
+
+    /// Force that each encoder's error makes of the balance.
+    fn error_forces(&self, state: &State) -> Vec<TimeColumn> {
+        let ground = state.ground(self.balance);
+        self.unstated_errors().map(|error| error.law.sum(&ground)).collect()
+    }
+
+    /// What the stated model leaves of the recordings as they came, without numbers that it does not state.
+    fn before(&self, unsaid: &[Number]) -> Rest {
+        let (design, beta) = fit_without(self.start, unsaid);
+        let as_read = self.as_read(self.start, &numbers::with_none(self.start, unsaid, &beta));
+        as_read.unwrap_or_else(|| rest_of(self.balance, self.start, (&design, &beta)))
+    }
+
+    /// What these coefficients leave of the recordings as they came; `None`: no encoder reads wrong.
+    fn as_read(&self, state: &State, beta: &[f64]) -> Option<Rest> {
+        self.unstated_errors().next()?;
+        let mut with = state.clone();
+        with.accepted.extend(self.unstated_errors().map(|error| error.law.clone()));
+        let with = with.rebuilt(self.balance);
+        let mut beta = beta.to_vec();
+        beta.extend(self.unstated_errors().flat_map(|error| error.law.amplitudes.iter().map(|a| -a)));
+        Some(rest_of(self.balance, &with, (&with.base.design, &beta)))
+    }
+
     /// A dead time longer than stated, a current loop slower than stated.
     fn found_in_path(&self, state: &State, doubt: &Doubt) -> Vec<(Accepted, Deviations, Named)> {
         let balance = self.balance;
@@ -300,7 +351,10 @@ impl Case<'_> {
             return Vec::new();
         }
         let stepped = found.iter().filter_map(|f| self.stepped(f)).collect();
-        let written = Written { state, unsaid, stepped };
+        let forces = self.error_forces(state);
+        let of_error = |(e, force): (&ReadError, &TimeColumn)| (e.port(), force.power(self.samples()));
+        let errors_n2 = self.unstated_errors().zip(&forces).map(of_error).collect();
+        let written = Written { state, unsaid, stepped, errors_n2 };
         let left_n = |named: Option<Named>| written.heldout_n(self.balance, named);
         let after_n = left_n(None);
         let of = |(k, f): (usize, Found)| {
@@ -353,10 +407,11 @@ impl Case<'_> {
         (p[0], alternatives.filter(|a| a.probability > 1e-3).collect())
     }
 
-    /// Steps of encoders that are coarser than stated.
-    fn encoder_steps(&self) -> Vec<Found> {
-        let ports = [Port::MotorEncoder, Port::StageEncoder];
-        ports.into_iter().filter_map(|port| self.encoder_step(port)).collect()
+    /// Steps of encoders that are coarser than stated, then what they read wrong: that is told above the band
+    /// of the balance, by nats that are none of its own.
+    fn of_encoders(&self, state: &State) -> Vec<Found> {
+        let steps = [Port::MotorEncoder, Port::StageEncoder].into_iter().filter_map(|p| self.encoder_step(p));
+        steps.chain(self.unstated_errors().map(|error| self.read_wrong(error, state))).collect()
     }
 
     fn encoder_step(&self, port: Port) -> Option<Found> {
@@ -419,6 +474,11 @@ impl Case<'_> {
                 list.push(Correction::within(format!("{effect}.{key}"), nominal, value, half));
             }
         }
+        for error in self.errors.iter().filter(|e| e.is_other_size()) {
+            let Estimate { name, value, ci95, .. } = self.told_error(error, state).0.swap_remove(0);
+            let name = format!("{}.{name}", error.law.hypothesis.effect.name()).into();
+            list.extend(error.stated_m.map(|nominal| Correction { name, nominal, value, ci95 }));
+        }
         list
     }
 
@@ -442,6 +502,10 @@ impl Case<'_> {
         let (shown, of) = match named {
             None => (left.clone(), state.clone()),
             Some(Named::Steps(_)) => (rest(self.balance, self.start), self.start.clone()),
+            Some(Named::Error(_)) => {
+                let shown = self.as_read(state, &state.base.fit.beta);
+                (shown.unwrap_or_else(|| left.clone()), state.clone())
+            }
             Some(_) => {
                 let (others, design, beta) = fit_taken_out(self.balance, state, named, &[]);
                 (rest_of(self.balance, &others, (&design, &beta)), others)

@@ -28,6 +28,8 @@ pub(super) struct Balance {
     /// Where nobody states when both encoders are read: by how much later than stated the stage's was taken,
     /// s. What it is more is a number then.
     pub(super) stage_later_s: Option<f64>,
+    /// Encoders whose error inside a signal period is known, and taken off.
+    pub(super) read_right: Vec<Port>,
     /// The newest column of each number (none: the target): a state that is built anew has mostly moved
     /// something else.
     newest: Mutex<Vec<Made>>,
@@ -65,7 +67,8 @@ impl Balance {
             let rests = |r: usize, k: usize| signals.tracks[r].rests.get(k).copied().unwrap_or(false);
             plan = plan.looking_at(|r, k| !rests(r, k));
         }
-        Self { drive, signals, plan, clock_moved, stage_later_s, newest: Mutex::default() }
+        let (read_right, newest) = (Vec::new(), Mutex::default());
+        Self { drive, signals, plan, clock_moved, stage_later_s, read_right, newest }
     }
 
     /// True where two positions are recorded and nobody states when each was read.

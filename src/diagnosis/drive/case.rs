@@ -1,5 +1,6 @@
 //! What an answer is made of: the case that was selected, and what was found in it.
 
+use super::encoders::ReadError;
 use super::heldout::Named;
 use super::laws::Hypothesis;
 use super::state::{Balance, State};
@@ -16,7 +17,10 @@ pub(super) struct Case<'a> {
     /// As stated, and with its terms folded into keys.
     pub(super) stated: &'a AxisModel,
     pub(super) axis: &'a AxisModel,
+    /// As they came.
     pub(super) recordings: &'a [Recording],
+    /// What their encoders read wrong, and the balance does not.
+    pub(super) errors: &'a [ReadError],
     pub(super) balance: &'a Balance,
     /// Before anything was found.
     pub(super) start: &'a State,

@@ -11,6 +11,7 @@ use crate::plant::effects::Port;
 use crate::plant::effects::backlash::play;
 use crate::plant::effects::coulomb_friction::sliding_direction;
 use crate::plant::effects::law::ForceLaw;
+use crate::signal::inner_products::dot;
 use rustfft::num_complex::Complex;
 use std::sync::Arc;
 
@@ -48,6 +49,11 @@ impl TimeColumn {
         let mut out = Self::default();
         out.sides[side] = Some(series);
         out
+    }
+
+    /// Mean square over that many samples, both sides together.
+    pub(super) fn power(&self, samples: f64) -> f64 {
+        self.sides.iter().flatten().flatten().map(|x| dot(x, x)).sum::<f64>() / samples
     }
 
     /// Columns times amplitudes, added.

@@ -2,8 +2,9 @@
 
 use super::laws::{Effect, Hypothesis, Shape, Stated};
 use super::number::Mechanics;
-use super::state::Accepted;
+use super::state::{Accepted, Balance, stated_mechanics};
 use crate::plant::drive::{DriveParams, RawDriveParams, Structure};
+use crate::plant::effects::encoder_interpolation_error::EncoderError;
 use crate::plant::effects::law::ForceLaw;
 use crate::plant::effects::{
     EffectKind as E, PhysicsTerm, WITH_DIRECTION, external_disturbance, torsional_mode,
@@ -47,12 +48,15 @@ fn lumped(drive: &DriveParams, raw: &mut RawDriveParams) -> PhysicsTerm {
     torsional_mode::term([frequency_hz, screw / (motor + screw), damping])
 }
 
-/// The stated laws that this balance can evaluate, with the names of those that it cannot; `[stated, axis]`:
+/// The stated laws that this balance can evaluate and its positions are not free of, with the names of those
+/// that it cannot; `[stated, axis]`:
 /// the axis as stated, and [`folded`].
-pub(super) fn given([stated, axis]: [&AxisModel; 2], m: &Mechanics) -> (Vec<Accepted>, Vec<String>) {
+pub(super) fn given([stated, axis]: [&AxisModel; 2], balance: &Balance) -> (Vec<Accepted>, Vec<String>) {
+    let m = &stated_mechanics(balance);
+    let read_right = |t: &PhysicsTerm| EncoderError::of(t).is_some() && balance.read_right.contains(&t.port);
     let three = stated.drive.structure() == Structure::TripleInertia;
     let (mut list, mut left) = (Vec::new(), Vec::new());
-    for (k, term) in axis.physics.iter().enumerate() {
+    for (k, term) in axis.physics.iter().enumerate().filter(|(_, term)| !read_right(term)) {
         match law(axis, term, m) {
             Some(mut accepted) => {
                 if three && k + 1 == axis.physics.len() {

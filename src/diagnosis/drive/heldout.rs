@@ -28,6 +28,8 @@ pub(super) enum Named {
     Number(Number),
     /// Steps of the encoder at a port.
     Steps(Port),
+    /// What the encoder at a port reads wrong.
+    Error(Port),
 }
 
 /// Steps of an encoder that were found: variance of the noise that they make, m2, in each recording.
@@ -45,7 +47,7 @@ pub(super) fn without(balance: &Balance, state: &State, named: Named) -> State {
         Named::Law(k) => drop(others.accepted.remove(k)),
         Named::Delay => (others.now.path.delay_s, others.now.found_delay) = (stated.delay_s, false),
         Named::Loop => (others.now.path.loop_rad_s, others.now.found_loop) = (stated.loop_rad_s, false),
-        Named::Number(_) | Named::Steps(_) => return others,
+        Named::Number(_) | Named::Steps(_) | Named::Error(_) => return others,
     }
     others.rebuilt(balance)
 }
@@ -66,6 +68,8 @@ pub(super) struct Written<'a> {
     pub(super) state: &'a State,
     pub(super) unsaid: &'a [Number],
     pub(super) stepped: Vec<Stepped>,
+    /// Power that each encoder's error makes of the balance, N2.
+    pub(super) errors_n2: Vec<(Port, f64)>,
 }
 
 /// A state without what a finding stands for and without numbers that nothing says, and its fit.
@@ -89,7 +93,9 @@ impl Written<'_> {
         let all_n = foretold_n(balance, (&state.base.gram, &design, &beta));
         let rest = self.stepped.iter().filter(|s| named != Some(Named::Steps(s.port)));
         let explained_n2 = steps_n2(balance, self.state, &rest.collect::<Vec<_>>());
-        (all_n.powi(2) - explained_n2).max(0.0).sqrt()
+        let errors = self.errors_n2.iter().filter(|(port, _)| named == Some(Named::Error(*port)));
+        let error_n2 = errors.map(|(_, n2)| n2).sum::<f64>();
+        (all_n.powi(2) - explained_n2 + error_n2).max(0.0).sqrt()
     }
 }
 

@@ -9,6 +9,7 @@ mod case;
 mod closed_loop;
 mod columns;
 mod dynamics;
+mod encoders;
 mod entry;
 mod evidence;
 mod faults;
@@ -44,6 +45,7 @@ use super::{DiagnoseError, DiagnoseOptions, Diagnosis, Progress};
 use crate::plant::drive::Structure;
 use crate::plant::machine::{AxisModel, Machine};
 use crate::sample::Recording;
+use encoders::Readings;
 
 /// Samples times evaluations of screening and fits for a second of the budget on one thread of a slow office
 /// machine, which makes 1e7 of them: the rest is for the answer.
@@ -82,17 +84,19 @@ fn work_of(options: &DiagnoseOptions, recordings: &[Recording]) -> Work {
 /// Errors: as [`signals::Signals::new`]; too little was measured.
 fn balance_of(
     axis: &AxisModel,
-    recordings: &[Recording],
+    readings: &Readings<'_>,
     options: &DiagnoseOptions,
     (stage_later_s, rest_counts): (Option<f64>, bool),
 ) -> Result<state::Balance, DiagnoseError> {
+    let recordings = &readings.recordings;
     let mut signals = signals::Signals::new(axis, recordings, &options.masked, options.averaged)?;
     if rest_counts {
         signals.tracks.iter_mut().for_each(|t| t.rests.fill(false));
     }
     // When a mean over rows acts nobody says.
     let clock_moved = options.clock_moved.contains(&true) || options.averaged != [1; 2];
-    let balance = state::Balance::new(axis.drive.clone(), signals, (clock_moved, stage_later_s));
+    let mut balance = state::Balance::new(axis.drive.clone(), signals, (clock_moved, stage_later_s));
+    balance.read_right = readings.ports();
     if let Some(first) = recordings.first().filter(|_| !balance.plan.is_enough()) {
         let recording = first.experiment.clone();
         let samples = balance.plan.measured() as usize * balance.signals.step;
@@ -107,7 +111,7 @@ fn balance_of(
 /// Numbers and balance after they have followed one another, with what the model states and is not heeded.
 /// `axes`: as stated, and with its terms folded into keys.
 fn start_of(axes: [&AxisModel; 2], balance: &state::Balance) -> (state::State, Vec<String>) {
-    let (laws, notes) = given::given(axes, &state::stated_mechanics(balance));
+    let (laws, notes) = given::given(axes, balance);
     let start = state::State::new(balance, &laws, subject::PASSES);
     (start, notes)
 }
@@ -117,7 +121,7 @@ fn start_of(axes: [&AxisModel; 2], balance: &state::Balance) -> (state::State, V
 fn case_of<'a>(
     machine: &'a Machine,
     [stated, axis]: [&'a AxisModel; 2],
-    recordings: &'a [Recording],
+    (recordings, readings): (&'a [Recording], &'a Readings<'a>),
     balance: &'a state::Balance,
     start: &'a state::State,
 ) -> case::Case<'a> {
@@ -126,6 +130,7 @@ fn case_of<'a>(
         stated,
         axis,
         recordings,
+        errors: &readings.errors,
         balance,
         start,
         rounds: &[],
@@ -139,9 +144,8 @@ fn case_of<'a>(
 /// The answer where tools cut in a part of a recording and the force alone tells of it: the cut, and what the
 /// rest says. At rest the balance of forces stands as it does in motion, and a load that comes is seen there.
 fn beside_cut(
-    machine: &Machine,
-    stated: &AxisModel,
-    recordings: &[Recording],
+    (machine, stated): (&Machine, &AxisModel),
+    (recordings, readings): (&[Recording], &Readings<'_>),
     options: &DiagnoseOptions,
     progress: Progress<'_>,
 ) -> Option<Diagnosis> {
@@ -151,7 +155,7 @@ fn beside_cut(
     let masked = entry::without(&options.masked, &options.resting);
     let whole = DiagnoseOptions { masked, ..options.clone() };
     let axis = given::folded(stated);
-    let balance = balance_of(&axis, recordings, &whole, (None, true)).ok()?;
+    let balance = balance_of(&axis, readings, &whole, (None, true)).ok()?;
     let (start, _) = start_of([stated, &axis], &balance);
     let cut = entry::entered(&balance, &start, &mut work_of(options, recordings))?;
     let rows = cut.rows(&balance);
@@ -163,7 +167,7 @@ fn beside_cut(
         notes: vec![
             "What follows is of the rows without the cut: its force is none of the drive.".to_owned(),
         ],
-        ..case_of(machine, [stated, &axis], recordings, &balance, &start)
+        ..case_of(machine, [stated, &axis], (recordings, readings), &balance, &start)
     };
     let in_air = || diagnose((machine, stated), recordings, &rest, progress).ok();
     case.beside_cut(cut.fitted.model, in_air)
@@ -177,11 +181,12 @@ pub(in crate::diagnosis) fn diagnose(
     progress: Progress<'_>,
 ) -> Result<Diagnosis, DiagnoseError> {
     progress(0.0, "aligning signals");
-    if let Some(answer) = beside_cut(machine, stated, recordings, options, progress) {
+    let readings = Readings::of(stated, recordings, options);
+    if let Some(answer) = beside_cut((machine, stated), (recordings, &readings), options, progress) {
         return Ok(answer);
     }
     let mut work = work_of(options, recordings);
-    let (axis, balance, known) = together(stated, recordings, options, &mut work)?;
+    let (axis, balance, known) = together(stated, &readings, options, &mut work)?;
     let (start, mut notes) = start_of([stated, &axis], &balance);
     if stated.drive.structure() == Structure::Rigid && axis.drive.structure() != Structure::Rigid {
         notes.push(
@@ -217,7 +222,7 @@ pub(in crate::diagnosis) fn diagnose(
         stated_rest_n: given::stated_rest_n(&axis),
         notes,
         out_of_budget: selected.out_of_budget,
-        ..case_of(machine, [stated, &axis], recordings, &balance, &start)
+        ..case_of(machine, [stated, &axis], (recordings, &readings), &balance, &start)
     };
     let diagnosis = case.answer(selected.model);
     progress(1.0, "done");
@@ -250,15 +255,15 @@ impl Known {
 /// its bound the positions are taken as stated.
 fn together(
     stated: &AxisModel,
-    recordings: &[Recording],
+    readings: &Readings<'_>,
     options: &DiagnoseOptions,
     work: &mut Work,
 ) -> Result<(AxisModel, state::Balance, Known), DiagnoseError> {
     let folded = given::folded(stated);
-    let folded = second_mass::two_masses(&folded, recordings).unwrap_or(folded);
+    let folded = second_mass::two_masses(&folded, &readings.recordings).unwrap_or(folded);
     let raw = folded.drive.raw();
     let mut later_s = raw.motor_encoder_delay_s.and(raw.stage_encoder_delay_s).is_none().then_some(0.0);
-    let as_stated = balance_of(&folded, recordings, options, (later_s, false))?;
+    let as_stated = balance_of(&folded, readings, options, (later_s, false))?;
     let mut open = as_stated.numbers().contains(&number::Number::EncoderTiming);
     let (mut axis, mut balance, mut known) = (folded.clone(), as_stated, Known::default());
     let mut own = work.half();
@@ -279,11 +284,11 @@ fn together(
         let total_s = later_s.unwrap_or(0.0) + more_s;
         (later_s, open) = (Some(total_s), at_bound);
         axis = given::read_later(&folded, total_s);
-        balance = balance_of(&axis, recordings, options, (later_s, false))?;
+        balance = balance_of(&axis, readings, options, (later_s, false))?;
     }
     work.take_over([&own, &Work::new(0)]);
     if open {
-        let as_stated = balance_of(&folded, recordings, options, (Some(0.0), false))?;
+        let as_stated = balance_of(&folded, readings, options, (Some(0.0), false))?;
         return Ok((folded, as_stated, Known::default()));
     }
     Ok((axis, balance, known))

@@ -62,6 +62,11 @@ impl Case<'_> {
                 scale_term(&mut axis.physics[index], law.scale);
             }
         }
+        for error in self.errors.iter().filter(|e| e.is_other_size()) {
+            let (effect, port) = (error.law.hypothesis.effect, error.port());
+            let stated = axis.physics.iter_mut().filter(|t| (t.effect, t.port) == (effect, port));
+            stated.for_each(|t| *t = self.told_error(error, state).1);
+        }
         let mut raw = axis.drive.raw().clone();
         for f in findings {
             let key = Effect::of_kind(f.effect).is_some_and(|e| (e.key)(&f.term, state.now.path, &mut raw));

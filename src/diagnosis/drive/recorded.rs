@@ -48,12 +48,22 @@ pub(in crate::diagnosis) fn thrust(axis: &AxisModel, recording: &Recording) -> R
     })
 }
 
+/// The column of an encoder and travel per unit of it, m.
+pub(in crate::diagnosis) fn position_column(
+    axis: &AxisModel,
+    recording: &Recording,
+    port: Port,
+) -> Option<(String, f64)> {
+    let of_motor = [("motor_angle_rad", axis.drive.travel_m_rad()), ("motor_position_m", 1.0)];
+    let of_stage = [("stage_position_m", 1.0)];
+    let all = if port == Port::MotorEncoder { &of_motor[..] } else { &of_stage };
+    let mut named = all.iter().map(|(suffix, m_per_unit)| (format!("{}_{suffix}", axis.name), *m_per_unit));
+    named.find(|(name, _)| recording.get(name).is_some())
+}
+
 /// Position in m from the motor encoder.
 pub(in crate::diagnosis) fn motor_position(axis: &AxisModel, recording: &Recording) -> Option<Vec<f64>> {
-    let name = |suffix: &str| format!("{}_{suffix}", axis.name);
-    let travel = axis.drive.travel_m_rad();
-    let angle = recording.get(&name("motor_angle_rad")).map(|a| a.iter().map(|v| v * travel).collect());
-    angle.or_else(|| recording.get(&name("motor_position_m")).map(<[f64]>::to_vec))
+    position_at(axis, recording, Port::MotorEncoder)
 }
 
 /// Position in m of the linear scale.
@@ -70,10 +80,8 @@ pub(in crate::diagnosis) fn position_at(
     recording: &Recording,
     port: Port,
 ) -> Option<Vec<f64>> {
-    match port {
-        Port::MotorEncoder => motor_position(axis, recording),
-        _ => stage_position(axis, recording).map(<[f64]>::to_vec),
-    }
+    let (name, m_per_unit) = position_column(axis, recording, port)?;
+    Some(recording.get(&name)?.iter().map(|v| v * m_per_unit).collect())
 }
 
 /// Position in m from the motor encoder, else from the scale.

@@ -32,6 +32,23 @@ pub(super) fn residuals(
     }
 }
 
+impl Residuals {
+    /// The same of the recordings as they came, before anything was found: with forces that are no part of
+    /// these positions.
+    pub(super) fn with(mut self, forces: &[TimeColumn]) -> Self {
+        let both = [&mut self.nominal, &mut self.before];
+        let sums = both.into_iter().flat_map(|of| of.iter_mut().enumerate());
+        for (recording, sides) in sums {
+            for (side, sum) in sides.iter_mut().enumerate() {
+                for force in forces.iter().filter_map(|f| f.sides[side].as_ref()) {
+                    sum.iter_mut().zip(&force[recording]).for_each(|(s, f)| *s += f);
+                }
+            }
+        }
+        self
+    }
+}
+
 fn of(balance: &Balance, state: &State, beta: &[f64], path: Path) -> Vec<Vec<Vec<f64>>> {
     let ground = state.ground(balance);
     let mut columns: Vec<TimeColumn> = state

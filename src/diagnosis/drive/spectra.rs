@@ -19,7 +19,7 @@ pub(super) const FOLDS: usize = 4;
 /// Blocks that all recordings together are cut into, at least; longest and shortest block, which is what is
 /// measured at least.
 const LEAST_BLOCKS: usize = 24;
-const LONGEST_BLOCK: usize = 2048;
+pub(super) const LONGEST_BLOCK: usize = 2048;
 pub(super) const SHORTEST_BLOCK: usize = 32;
 /// Bins that a band has at least.
 const LEAST_BINS: usize = 2;

@@ -2,6 +2,7 @@
 
 use super::law::{harmonics, wave_sum};
 use super::{EffectKind, PHASE, Parameter, PhysicsTerm, Specification};
+use std::f64::consts::TAU;
 
 /// Of the first harmonic.
 pub const PERIOD: Parameter = Parameter::further("signal_period_m", "m");
@@ -35,6 +36,19 @@ impl EncoderError {
         }
         let period_m = term.value(&PERIOD)?;
         Some(Self { period_m, harmonics_m: harmonics(term, &HARMONICS, &AMPLITUDE)? })
+    }
+
+    /// An error by its signal period and sine and cosine of each harmonic, m.
+    #[must_use]
+    pub fn new(period_m: f64, amplitudes_m: &[f64]) -> Self {
+        Self { period_m, harmonics_m: amplitudes_m.chunks_exact(2).map(|c| [c[0], c[1]]).collect() }
+    }
+
+    /// What reads backwards somewhere is no encoder.
+    #[must_use]
+    pub fn reads_forwards(&self) -> bool {
+        let slopes = self.harmonics_m.iter().zip(1..).map(|([s, c], n)| f64::from(n) * s.hypot(*c));
+        TAU * slopes.sum::<f64>() <= self.period_m
     }
 
     /// Period, and sine and cosine amplitude of each harmonic, m.

@@ -5,15 +5,14 @@ use crate::plant::effects::encoder_interpolation_error::{
     AMPLITUDE, EncoderError, HARMONICS, PERIOD, SPECIFICATION,
 };
 use crate::plant::effects::periodic::waves;
-use std::f64::consts::TAU;
 
 pub(super) const EFFECT: Effect = Effect {
     candidates: |search| {
         let drive = &search.balance.drive;
         let of_stage = drive.raw().stage_encoder_signal_period_m.filter(|_| search.two);
         let all = [(Port::MotorEncoder, drive.motor_encoder_signal_m()), (Port::StageEncoder, of_stage)];
-        let law = |period_m| Interpolation { period_m, sine_m: 0.0, cosine_m: 0.0 };
-        all.into_iter().filter_map(|(port, period)| Some(Hypothesis::new(port, law(period?)))).collect()
+        let open = all.into_iter().filter(|(port, _)| !search.balance.read_right.contains(port));
+        open.filter_map(|(port, period)| Some(Hypothesis::new(port, Interpolation::new(period?)))).collect()
     },
     stated: |term, _| {
         let error = EncoderError::of(term)?;
@@ -33,14 +32,21 @@ pub(crate) struct Interpolation {
     cosine_m: f64,
 }
 
+impl Interpolation {
+    /// None of its size known.
+    pub(crate) fn new(period_m: f64) -> Self {
+        Self { period_m, sine_m: 0.0, cosine_m: 0.0 }
+    }
+}
+
 impl Law for Interpolation {
     fn facts(&self) -> Facts {
         Facts::of(EffectKind::EncoderInterpolationError, Size::Free, &[])
     }
 
     fn tell(&self, told: &Told<'_>, sheet: &mut Sheet) -> bool {
-        sheet.add(&PERIOD, self.period_m, 0.0);
         sheet.wave((&AMPLITUDE, 0.0), told);
+        sheet.add(&PERIOD, self.period_m, 0.0);
         true
     }
 
@@ -63,11 +69,8 @@ impl Law for Interpolation {
         Some(ground.encoder(port, |track| self.full(&ground.at(port, track))))
     }
 
-    /// What reads backwards somewhere is no encoder.
     fn is_void(&self, _: &Ground<'_>, amplitudes: &[f64]) -> bool {
-        let slopes =
-            amplitudes.chunks_exact(2).zip(1..).map(|(a, harmonic)| f64::from(harmonic) * a[0].hypot(a[1]));
-        TAU * slopes.sum::<f64>() > self.period_m
+        !EncoderError::new(self.period_m, amplitudes).reads_forwards()
     }
 
     fn follow(&mut self, amplitudes: &[f64]) {
