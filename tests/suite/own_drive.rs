@@ -62,6 +62,32 @@ fn ask(recording: Recording) -> Diagnosis {
     diagnose(&machine, &[recording], &|_, _| {}).unwrap()
 }
 
+/// One position shows the friction of both sides as one. 45 N of 92 N had been said by nobody where the model
+/// has a part of it at the motor and none at the stage.
+#[test]
+fn friction_beyond_what_a_model_has_at_the_motor_is_told() {
+    let with = |friction_n: f64| {
+        let text =
+            format!("{MODEL}motor_coulomb_friction_n = {friction_n:?}\nfriction_smoothing_m_s = 2e-4\n");
+        diagnose(&machine_from_text(Path::new("m.toml"), &text).unwrap(), &[log(5)], &|_, _| {}).unwrap()
+    };
+    let key = "motor_coulomb_friction_n";
+    let dry = |d: &Diagnosis| names(d).contains(&"coulomb_friction");
+    let corrected = |d: &Diagnosis| d.parameter_corrections.iter().find(|c| c.name == key).map(|c| c.value);
+    let less = with(10.0);
+    let force_n = value(&less, "coulomb_friction", "force_n");
+    assert!((force_n - (COULOMB_N - 10.0)).abs() < 1.0 && corrected(&less).is_none(), "{force_n}");
+    assert_written(&less);
+    let written = less.model.axes[0].drive.clone();
+    assert_eq!(written.motor_coulomb_friction_n(), 10.0);
+    assert!((written.stage_coulomb_friction_n() - force_n).abs() < 1e-9);
+    let right = with(COULOMB_N);
+    assert!(!dry(&right) && corrected(&right).is_none(), "{:?}", right.parameter_corrections);
+    let more = with(40.0);
+    assert!(!dry(&more) && corrected(&more).is_some_and(|n| (n - COULOMB_N).abs() < 1.0));
+    assert_written(&more);
+}
+
 /// A torque that is logged as it acts was once taken as held until half a sample later: the mass was 0.1 % off,
 /// viscous friction 0.4 %, and two of three intervals missed.
 #[test]

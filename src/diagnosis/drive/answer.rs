@@ -111,8 +111,8 @@ impl Case<'_> {
         let said: Vec<Number> = absent.iter().map(|a| a.number).collect();
         let before = self.before(&said);
         // What the written model leaves: a number that it does not state is none of it.
-        let unsaid = unsaid(balance, &absent);
-        let (design, beta) = fit_without(&state, &unsaid);
+        let unsaid = unsaid(balance, &state, &absent);
+        let (design, beta) = fit_without(balance, &state, &unsaid);
         let left = rest_of(balance, &state, (&design, &beta));
         let of = if as_stated { self.start } else { &state };
         let told_wrong = self.all_corrections(of, &settled);
@@ -138,7 +138,7 @@ impl Case<'_> {
         let findings = self.findings(asserted, (&state, &unsaid), &left);
         let said = (&findings[..], &corrections[..]);
         let model = self.model(verdict, (of, &settled), said, (&left, is_left));
-        let written = (&state, &numbers::with_none(&state, &unsaid, &beta)[..]);
+        let written = (&state, &numbers::with_none(balance, &state, &unsaid, &beta)[..]);
         let series = residuals(balance, (self.start, &stated_beta(balance, self.start)), written)
             .with(&self.error_forces(self.start));
         let axes = [
@@ -292,8 +292,8 @@ impl Case<'_> {
 
     /// What the stated model leaves of the recordings as they came, without numbers that it does not state.
     fn before(&self, unsaid: &[Number]) -> Rest {
-        let (design, beta) = fit_without(self.start, unsaid);
-        let as_read = self.as_read(self.start, &numbers::with_none(self.start, unsaid, &beta));
+        let (design, beta) = fit_without(self.balance, self.start, unsaid);
+        let as_read = self.as_read(self.start, &numbers::with_none(self.balance, self.start, unsaid, &beta));
         as_read.unwrap_or_else(|| rest_of(self.balance, self.start, (&design, &beta)))
     }
 

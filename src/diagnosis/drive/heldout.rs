@@ -82,7 +82,7 @@ pub(super) fn fit_taken_out(
     let others = named.map_or_else(|| state.clone(), |named| without(balance, state, named));
     let mut missing = unsaid.to_vec();
     missing.extend(named.and_then(|named| if let Named::Number(n) = named { Some(n) } else { None }));
-    let (design, beta) = fit_without(&others, &missing);
+    let (design, beta) = fit_without(balance, &others, &missing);
     (others, design, beta)
 }
 

@@ -111,15 +111,37 @@ impl Absent {
     }
 }
 
-/// Numbers that are effects of the vocabulary and that the model leaves out, of both sides.
-fn left_out(balance: &Balance) -> impl Iterator<Item = Number> {
-    let stated = stated_mechanics(balance);
-    balance.numbers().into_iter().filter(move |n| n.effect().is_some() && stated.of(*n) == 0.0)
+/// What a model states at the motor of a number that the balance has as one with the stage's.
+pub(super) fn stated_at_motor(balance: &Balance, number: Number) -> f64 {
+    let of_motor = number.of_motor().filter(|_| balance.signals.layout != Layout::TwoPositions);
+    of_motor.map_or(0.0, |motor| stated_mechanics(balance).of(motor))
 }
 
-/// Places of a state's coefficients without those of some numbers.
-fn places_without(state: &State, numbers: &[Number]) -> Vec<usize> {
+/// A number's estimate in the balance.
+fn estimate(state: &State, (place, number): (usize, Number)) -> f64 {
+    if number == Number::StageCoulomb { state.coulomb_n() } else { state.base.fit.beta[place] }
+}
+
+/// Numbers that are effects of the vocabulary and that the model leaves out, of both sides. Of one that is
+/// stated at the motor alone what there is more than that.
+fn left_out(balance: &Balance, state: &State) -> Vec<Number> {
+    let (stated, apart) = (stated_mechanics(balance), Criteria::STANDARD.correction_tolerances);
+    let is_more = |number: Number| {
+        let at_motor = stated_at_motor(balance, number);
+        let place = state.base.numbers.iter().position(|n| *n == number);
+        let least = number.key().map_or(0.0, |(_, tolerance)| (apart * tolerance).exp());
+        at_motor == 0.0 || place.is_some_and(|k| estimate(state, (k, number)) > least * at_motor)
+    };
+    let own_is_stated = |n: &Number| stated.of(*n) > stated_at_motor(balance, *n);
+    let open = balance.numbers().into_iter().filter(|n| n.effect().is_some() && !own_is_stated(n));
+    open.filter(|n| is_more(*n)).collect()
+}
+
+/// Places of a state's coefficients without those of some numbers; one that is stated at the motor stays.
+fn places_without(balance: &Balance, state: &State, numbers: &[Number]) -> Vec<usize> {
     let base = &state.base;
+    let numbers: Vec<Number> =
+        numbers.iter().copied().filter(|n| stated_at_motor(balance, *n) == 0.0).collect();
     // Parts of a dry friction that is not there are not there.
     let out = |n: &Number| {
         numbers.contains(n)
@@ -130,29 +152,35 @@ fn places_without(state: &State, numbers: &[Number]) -> Vec<usize> {
     (0..base.design.columns.len()).filter(kept).collect()
 }
 
-/// The design without some numbers' columns. The masses stay as the state has them: that friction is left out
+/// The design without some numbers' columns, or with what the motor has of them. The masses stay as the state has them: that friction is left out
 /// is no reason for another mass, and where nothing else moves the axis one of any size is the likeliest.
-fn without(state: &State, numbers: &[Number]) -> (Design, Vec<f64>) {
-    let places = places_without(state, numbers);
-    let beta: Vec<f64> = places.iter().map(|k| state.base.fit.beta[*k]).collect();
+fn without(balance: &Balance, state: &State, numbers: &[Number]) -> (Design, Vec<f64>) {
+    let places = places_without(balance, state, numbers);
+    let named = |k: &usize| state.base.numbers.get(*k).copied().filter(|n| numbers.contains(n));
+    let at_motor: Vec<Option<f64>> =
+        places.iter().map(|k| named(k).map(|n| stated_at_motor(balance, n))).collect();
+    let both = places.iter().zip(&at_motor);
+    let beta: Vec<f64> = both.map(|(k, stated)| stated.unwrap_or(state.base.fit.beta[*k])).collect();
     let mut design = state.base.design.kept(&places);
     design.masses.iter().for_each(|(k, _)| design.bounds[*k] = [beta[*k]; 2]);
+    let held = at_motor.iter().enumerate().filter_map(|(k, stated)| Some((k, (*stated)?)));
+    held.for_each(|(k, stated)| design.bounds[k] = [stated; 2]);
     (design, beta)
 }
 
 /// Coefficients of [`fit_without`] in their places, nothing for the numbers that are not there.
-pub(super) fn with_none(state: &State, numbers: &[Number], beta: &[f64]) -> Vec<f64> {
+pub(super) fn with_none(balance: &Balance, state: &State, numbers: &[Number], beta: &[f64]) -> Vec<f64> {
     let mut out = vec![0.0; state.base.fit.beta.len()];
-    places_without(state, numbers).iter().zip(beta).for_each(|(k, b)| out[*k] = *b);
+    places_without(balance, state, numbers).iter().zip(beta).for_each(|(k, b)| out[*k] = *b);
     out
 }
 
 /// The fit of a state without some numbers.
-pub(super) fn fit_without(state: &State, numbers: &[Number]) -> (Design, Vec<f64>) {
+pub(super) fn fit_without(balance: &Balance, state: &State, numbers: &[Number]) -> (Design, Vec<f64>) {
     if numbers.is_empty() {
         return (state.base.design.clone(), state.base.fit.beta.clone());
     }
-    let (design, start) = without(state, numbers);
+    let (design, start) = without(balance, state, numbers);
     let all = &state.base.all;
     let weights = design.weights(all, &start);
     let fit = design.fit(all, start, weights);
@@ -163,11 +191,13 @@ pub(super) fn fit_without(state: &State, numbers: &[Number]) -> (Design, Vec<f64
 pub(super) fn absent(balance: &Balance, state: &State, doubt: &Doubt, level: f64) -> Vec<Absent> {
     let base = &state.base;
     let mut list = Vec::new();
-    for number in left_out(balance) {
+    for number in left_out(balance, state) {
         let Some(k) = base.numbers.iter().position(|n| *n == number) else { continue };
         let evidence_nats = evidence_nats(balance, state, &[number]);
-        let value = if number == Number::StageCoulomb { state.coulomb_n() } else { base.fit.beta[k] };
-        let deviation = doubt.numbers[k];
+        let at_motor = stated_at_motor(balance, number);
+        let value = estimate(state, (k, number)) - at_motor;
+        let of_statement = number.key().map_or(0.0, |(_, tolerance)| tolerance * at_motor);
+        let deviation = doubt.numbers[k].hypot(of_statement);
         if value > Z95 * deviation && evidence_nats > level {
             list.push(Absent { number, value, deviation, evidence_nats });
         }
@@ -179,7 +209,7 @@ pub(super) fn absent(balance: &Balance, state: &State, doubt: &Doubt, level: f64
 /// T of all columns of some numbers together, nats.
 fn evidence_nats(balance: &Balance, state: &State, numbers: &[Number]) -> f64 {
     let base = &state.base;
-    let (design, beta) = fit_without(state, numbers);
+    let (design, beta) = fit_without(balance, state, numbers);
     let score = design.nats(&base.all, &beta) - base.fit.nats - price(numbers.len(), values(&base.all));
     let others = balance.held_out_nats(&base.gram, &design, &beta);
     let gains = part_gains(balance, &others, &base.held_out_nats);
@@ -192,7 +222,7 @@ fn evidence_nats(balance: &Balance, state: &State, numbers: &[Number]) -> f64 {
 pub(super) fn undivided(balance: &Balance, state: &State, unsaid: &[Number]) -> Option<[f64; 2]> {
     let base = &state.base;
     let open: Vec<Number> = unsaid.iter().filter(|n| base.numbers.contains(n)).copied().collect();
-    let places = places_without(state, &open);
+    let places = places_without(balance, state, &open);
     let cost = price(open.len(), values(&base.all));
     let chance = |(k, null): (usize, &Fit)| {
         let design = knockoff_design(&base.design, &base.fit.beta, base.knockoffs + k).kept(&places);
@@ -207,8 +237,9 @@ pub(super) fn undivided(balance: &Balance, state: &State, unsaid: &[Number]) -> 
 }
 
 /// Numbers that the model leaves out and nothing says: the model that is written has none of them.
-pub(super) fn unsaid(balance: &Balance, said: &[Absent]) -> Vec<Number> {
-    left_out(balance).filter(|number| said.iter().all(|a| a.number != *number)).collect()
+pub(super) fn unsaid(balance: &Balance, state: &State, said: &[Absent]) -> Vec<Number> {
+    let all = left_out(balance, state).into_iter();
+    all.filter(|number| said.iter().all(|a| a.number != *number)).collect()
 }
 
 /// The stated numbers in the order of the balance, and its laws as they are stated.
@@ -266,21 +297,21 @@ impl Beside {
 pub(super) fn beside(balance: &Balance, axis: &AxisModel, state: &State, doubt: &Doubt) -> Vec<Beside> {
     let as_stated = given::folded(axis).drive;
     let r2 = balance.drive.travel_m_rad().powi(2);
-    let two = balance.signals.layout == Layout::TwoPositions;
-    let stated = stated_mechanics(balance);
+    let open = left_out(balance, state);
     let of = |(k, number): (usize, &Number)| -> Option<Beside> {
-        let (key, tolerance) = number.key()?;
         if *number == Number::StageMass && !state.now.inertial {
             return None; // what does not accelerate tells no mass
         }
-        let estimate =
-            if *number == Number::StageCoulomb { state.coulomb_n() } else { state.base.fit.beta[k] };
-        let unit = if matches!(number, Number::MotorMass | Number::MotorDamping) { r2 } else { 1.0 };
-        let of_motor = number.of_motor().filter(|_| !two).map_or(0.0, |motor| stated.of(motor));
-        let of_screw = if *number == Number::MotorMass { screw_kg_m2(axis) } else { 0.0 };
-        let other = of_motor + of_screw;
+        let at_motor = stated_at_motor(balance, *number);
+        // What is stated at the motor alone, and is not more, is the motor's.
+        let is_motors = stated_mechanics(balance).of(*number) <= at_motor && !open.contains(number);
+        let named = number.of_motor().filter(|_| at_motor > 0.0 && is_motors).unwrap_or(*number);
+        let (key, tolerance) = named.key()?;
+        let unit = if matches!(named, Number::MotorMass | Number::MotorDamping) { r2 } else { 1.0 };
+        let of_screw = if named == Number::MotorMass { screw_kg_m2(axis) } else { 0.0 };
+        let other = of_screw + if named == *number { at_motor } else { 0.0 };
         let nominal = as_stated.number(key).unwrap_or(0.0) - of_screw;
-        let value = unit * estimate - other;
+        let value = unit * estimate(state, (k, *number)) - other;
         let deviation = unit * doubt.numbers[k];
         Some(Beside { key, nominal, value, deviation, other, tolerance })
     };

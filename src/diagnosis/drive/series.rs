@@ -1,6 +1,7 @@
 //! Series for people: what is left in time, and what a finding adds sample by sample.
 
 use super::columns::TimeColumn;
+use super::numbers::stated_at_motor;
 use super::signals::{Layout, Path, Signals};
 use super::state::Accepted;
 use super::state::{Balance, Number, State};
@@ -127,7 +128,8 @@ pub(super) fn contribution_of_number(
     number: Number,
     recordings: &[Recording],
 ) -> Vec<Contribution> {
-    let (s, value): (&Signals, f64) = (&balance.signals, state.now.mechanics.of(number));
+    let s: &Signals = &balance.signals;
+    let value = state.now.mechanics.of(number) - stated_at_motor(balance, number);
     let side = usize::from(number.is_of_stage() && s.sides() == 2);
     let of =
         |v: &f64| value * if number.is_dry_friction() { (v / state.now.smoothing_m_s).tanh() } else { *v };
