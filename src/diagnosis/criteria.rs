@@ -57,7 +57,7 @@ criteria! {
     serial: f64 = 1.5,
     /// A number is wrong beyond this many of its statement's own tolerances ...
     correction_tolerances: f64 = 3.0,
-    /// ... and of its deviations.
+    /// ... and of its deviations. A law is there beyond as many.
     correction_deviations: f64 = 4.0,
     /// Tolerance of stated masses and stiffness, as a share: what an identification by a sweep repeats to.
     mass_tolerance: f64 = 0.02,

@@ -21,6 +21,7 @@ use super::rest::{Rest, rest, rest_of, spans_s};
 use super::series::{Residuals, contribution, contribution_of_number, of_recording, residuals};
 use super::signals::Track;
 use super::state::{Accepted, Balance, Number, State};
+use super::subject::PASSES;
 use super::words::{specification, statement, term_of, told};
 use crate::diagnosis::criteria::{Criteria, Z95};
 use crate::diagnosis::encoder_noise::variance_m2;
@@ -38,8 +39,8 @@ use crate::plant::effects::{
 use crate::sample::Recording;
 use crate::signal::inner_products::rms;
 
-/// True where the 95 % interval of a law's size does not hold zero, neither as fitted nor as told. Sizes that
-/// stand in a shape do not.
+/// True where a law's size is as far from zero as a number must be from its statement to be wrong, and the
+/// 95 % interval that is told does not hold zero. Sizes that stand in a shape do not.
 pub(super) fn is_other_than_zero(
     balance: &Balance,
     (state, law): (&State, &Accepted),
@@ -48,7 +49,7 @@ pub(super) fn is_other_than_zero(
     if law.hypothesis.has_dose() {
         return true;
     }
-    let sized = |(a, d): (&f64, &f64)| a.abs() > Z95 * d;
+    let sized = |(a, d): (&f64, &f64)| a.abs() > Criteria::STANDARD.correction_deviations * d;
     // Of a bristle the force: what remains without it is a damper.
     let count = if law.hypothesis.facts().turns_friction { 1 } else { law.amplitudes.len() };
     let of = specification(law.hypothesis.effect);
@@ -80,7 +81,8 @@ pub(super) fn determined(balance: &Balance, mut state: State) -> (State, Doubt, 
         let pairs = state.accepted.iter().zip(&doubt.laws).enumerate();
         let without = pairs.filter(found).filter_map(others_if_vague);
         match without.min_by(|a, b| a.base.fit.nats.total_cmp(&b.base.fit.nats)) {
-            Some(others) => state = others,
+            // Numbers had moved beside what is gone.
+            Some(others) => state = (0..PASSES).fold(others, |state, _| state.rebuilt(balance)),
             None => return (state, doubt, left),
         }
     }

@@ -56,6 +56,7 @@ pub(super) fn rest_of(balance: &Balance, state: &State, (design, beta): (&Design
     let middle = |band: usize| 0.5 * plan.band_hz(band).iter().sum::<f64>();
     let all = base.gram.sum_by_band(plan);
     let spreads: Vec<Spread> = all.iter().map(|b| design.spread(b, beta)).collect();
+    let even = evened(&all.iter().map(|b| b.recording).collect::<Vec<_>>(), &spreads);
     // Noise of a position through the mass, before the low-pass: white position, squared by frequency.
     let of_position = |recording: usize, hz: f64| {
         let s = &balance.signals;
@@ -65,8 +66,9 @@ pub(super) fn rest_of(balance: &Balance, state: &State, (design, beta): (&Design
     let floor_of = |recording: usize| -> Spread {
         let own = || all.iter().zip(&spreads).filter(move |(b, _)| b.recording == recording);
         if two {
-            let reference = own().find(|(b, _)| (low_hz..high_hz).contains(&middle(b.band)));
-            return reference.or(own().next_back()).map_or([0.0; 3], |(_, s)| *s);
+            let read = || all.iter().zip(&even).filter(move |(b, _)| b.recording == recording);
+            let reference = read().find(|(b, _)| (low_hz..high_hz).contains(&middle(b.band)));
+            return reference.or(read().next_back()).map_or([0.0; 3], |(_, s)| *s);
         }
         // Noise of the force is white before the low-pass. Where that has taken half of it, little is read; a
         // slow recording may have nothing else.
@@ -89,12 +91,18 @@ pub(super) fn rest_of(balance: &Balance, state: &State, (design, beta): (&Design
     let scale = 1.0 / plan.measured().max(1.0);
     let (mut excess, mut floor, mut whole) = ([0.0; 3], 0.0, [0.0; 2]);
     let mut by_band = vec![0.0; plan.bands()];
-    for (band, s) in all.iter().zip(&spreads) {
+    let mut counted: Vec<bool> = (0..plan.bands()).map(|b| plan.band_hz(b)[1] < low_hz).collect();
+    for ((band, s), even) in all.iter().zip(&spreads).zip(&even) {
+        let is_low = middle(band.band) < low_hz || !two;
         let f = floor_in(band, s);
         let share = band.values * scale;
         whole[0] += f[0] * share;
         whole[1] += f[2] * share;
-        if middle(band.band) < low_hz || !two {
+        // Where the floor is read and above no floor says what is left; a line stands out of its neighbours.
+        let f = if is_low { f } else { *even };
+        let is_line = !is_low && largest([0, 1, 2].map(|k| s[k] - f[k])) > f[0] + f[2];
+        counted[band.band] |= is_line;
+        if is_low || is_line {
             (0..3).for_each(|k| excess[k] += (s[k] - f[k]) * share);
             by_band[band.band] += (s[0] - f[0] + s[2] - f[2]).max(0.0) * share;
             floor += (f[0] + f[2]) * share;
@@ -107,7 +115,7 @@ pub(super) fn rest_of(balance: &Balance, state: &State, (design, beta): (&Design
         sum += b;
         sum >= Criteria::STANDARD.excess_share * total
     });
-    let port = port_of(balance, state, (design, beta), &floors);
+    let port = port_of(balance, state, (design, beta), (&floors, &counted));
     let thrust_n = all.iter().map(|b| b.products[0][0] * scale).sum::<f64>().sqrt();
     Rest {
         usual_n: usual_n(balance, state, (port, thrust_n)),
@@ -118,6 +126,24 @@ pub(super) fn rest_of(balance: &Balance, state: &State, (design, beta): (&Design
         band_hz: [0.0, plan.band_hz(last.unwrap_or(0))[1]],
         shares: shares(excess).filter(|_| two),
     }
+}
+
+/// The spectrum of each band (of these recordings, band by band), no more at either side than in the greater of its neighbours: noise rises or
+/// falls from band to band, a line and a resonance stand out.
+fn evened(recordings: &[usize], spreads: &[Spread]) -> Vec<Spread> {
+    let same = |a: usize, b: usize| recordings.get(b) == Some(&recordings[a]);
+    let of = |k: usize| {
+        let own = spreads[k];
+        let neighbours =
+            k.checked_sub(1).filter(|below| same(k, *below)).zip(Some(k + 1).filter(|a| same(k, *a)));
+        let Some((below, above)) = neighbours else { return own };
+        let kept = [0, 2].map(|side| {
+            let most = spreads[below][side].max(spreads[above][side]);
+            if own[side] > most { (most / own[side]).sqrt() } else { 1.0 }
+        });
+        [kept[0] * kept[0] * own[0], kept[0] * kept[1] * own[1], kept[1] * kept[1] * own[2]]
+    };
+    (0..spreads.len()).map(of).collect()
 }
 
 /// See [`Rest::usual_n`].
@@ -154,18 +180,22 @@ fn largest([a, b, d]: Spread) -> f64 {
 /// A force without law has the same direction at all frequencies. An error e of an encoder is the force
 /// K e in the spring, and -M w^2 e besides on its own side. Of each port the size of its force is free in
 /// each band of each recording, beside the floor F: S = F + s u u^H; the likeliest counts.
-fn port_of(balance: &Balance, state: &State, (design, beta): (&Design, &[f64]), floor: &[Spread]) -> Port {
+fn port_of(
+    balance: &Balance,
+    state: &State,
+    (design, beta): (&Design, &[f64]),
+    (floor, counted): (&[Spread], &[bool]),
+) -> Port {
     if balance.signals.layout != Layout::TwoPositions {
         return Port::Stage;
     }
     let left = residual(balance, (&state.base.gram, design, beta));
     let [Some(motor), Some(stage)] = &left.sides else { return Port::Stage };
     let plan = &balance.plan;
-    let [low_hz, _] = plan.floor_hz();
     let nats = |port: &Port| -> f64 {
         let mut gained = vec![0.0; floor.len()];
         let mut bins = vec![Vec::new(); floor.len() * plan.bands()];
-        for cell in plan.cells.iter().filter(|c| plan.band_hz(c.band)[1] < low_hz) {
+        for cell in plan.cells.iter().filter(|c| counted[c.band]) {
             let f = design.weight(floor[cell.recording]);
             let (of_motor, of_stage) = (cell.of(motor).chunks_exact(2), cell.of(stage).chunks_exact(2));
             for (k, (m, s)) in of_motor.zip(of_stage).enumerate() {
@@ -333,4 +363,24 @@ pub(super) fn spans_s(
         }
     }
     if spans.is_empty() { vec![whole] } else { spans }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::evened;
+
+    #[test]
+    fn a_line_stands_out_of_its_neighbours_and_noise_that_rises_or_falls_does_not() {
+        let noise = [[1.0, 0.1, 9.0], [2.0, 0.1, 8.0], [2.0, 0.1, 2.0], [8.0, 0.2, 1.0]];
+        assert_eq!(evened(&[0; 4], &noise), noise);
+        let mut line = noise;
+        line[1] = [2.0, 2.0, 32.0];
+        let even = evened(&[0; 4], &line);
+        assert_eq!((even[0], even[2], even[3]), (line[0], line[2], line[3]));
+        assert!((even[1][0] - 2.0).abs() < 1e-12 && (even[1][2] - 9.0).abs() < 1e-12, "{even:?}");
+        // As much of both at once as of each.
+        assert!((even[1][1] / (even[1][0] * even[1][2]).sqrt() - 0.25).abs() < 1e-12, "{even:?}");
+        // Of another recording nothing is a neighbour.
+        assert_eq!(evened(&[0, 0, 1, 1], &line), line);
+    }
 }
