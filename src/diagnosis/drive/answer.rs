@@ -49,9 +49,14 @@ pub(super) fn is_other_than_zero(
     if law.hypothesis.has_dose() {
         return true;
     }
-    let sized = |(a, d): (&f64, &f64)| a.abs() > Criteria::STANDARD.correction_deviations * d;
-    // Of a bristle the force: what remains without it is a damper.
-    let count = if law.hypothesis.facts().turns_friction { 1 } else { law.amplitudes.len() };
+    // Of a bristle the force: what remains without it is a damper. It is the level of dry friction, and that is
+    // there as a number is that the model leaves out.
+    let (count, least) = if law.hypothesis.facts().turns_friction {
+        (1, Z95)
+    } else {
+        (law.amplitudes.len(), Criteria::STANDARD.correction_deviations)
+    };
+    let sized = |(a, d): (&f64, &f64)| a.abs() > least * d;
     let of = specification(law.hypothesis.effect);
     let is_size = |e: &&Estimate| of.parameter(&e.name).is_some_and(|p| p.role == Role::Size);
     let estimates = told(&law.hypothesis, &state.told(balance, law, d)).0;

@@ -77,7 +77,16 @@ impl ReadError {
 
     /// What is read too much where `x_m` is read, m.
     fn at_read_m(&self, x_m: f64) -> f64 {
-        (0..PASSES).fold(0.0, |error_m, _| self.curve.at(x_m - error_m))
+        let mut error_m = self.curve.at(x_m);
+        for _ in 0..PASSES {
+            let next_m = self.curve.at(x_m - error_m);
+            let more_m = (next_m - error_m).abs();
+            error_m = next_m;
+            if more_m <= Criteria::STANDARD.exactness * error_m.abs() {
+                break;
+            }
+        }
+        error_m
     }
 
     /// The same along a recording, m; `None`: the encoder is not recorded.
