@@ -112,7 +112,8 @@ impl Case<'_> {
         let as_stated = self.stated_rest_n > 0.0 && !of_start.is_left(self.stated_rest_n);
         let mut settled = doubt.clone();
         if as_stated {
-            found.clear();
+            // Of what is left in the balance, not above it.
+            found.retain(|f| matches!(f.named, Named::Error(_)));
             settled = numbers::doubt(balance, self.start, &of_start);
         }
         let said: Vec<Number> = absent.iter().map(|a| a.number).collect();
