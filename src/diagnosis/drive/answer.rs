@@ -6,7 +6,7 @@ use super::columns::TimeColumn;
 use super::encoders::ReadError;
 use super::evidence::{least_seen_n, level};
 use super::faults::force_faults;
-use super::heldout::{Named, Stepped, Written, fit_taken_out, foretold_n, without};
+use super::heldout::{Named, Written, fit_taken_out, foretold_n, without};
 use super::laws::current_loop_lag::CurrentLoop;
 use super::laws::dead_time::Delay;
 use super::laws::{Deviations, Hypothesis, Shape, scale_deviation};
@@ -16,27 +16,22 @@ use super::notes;
 use super::numbers::{
     self, Absent, Doubt, absent, corrections, doubt, fit_without, stated_beta, undivided, unsaid,
 };
-use super::recorded::position_at;
 use super::rest::{Rest, rest, rest_of, spans_s};
-use super::series::{Residuals, contribution, contribution_of_number, of_recording, residuals};
+use super::series::{Residuals, contribution, contribution_of_number, residuals};
 use super::signals::Track;
 use super::state::{Accepted, Balance, Number, State};
 use super::subject::PASSES;
 use super::words::{specification, statement, term_of, told};
 use crate::diagnosis::criteria::{Criteria, Z95};
-use crate::diagnosis::encoder_noise::variance_m2;
 use crate::diagnosis::result::{
     Alternative, Correction, DetectionLimit, Diagnosis, Estimate, Finding, Fit, Location, MapEstimate,
     RecordingFit, TimeSpans, Tried, Verdict,
 };
 use crate::diagnosis::selection::{Fitted, probabilities};
-use crate::diagnosis::steps::{coarser_step, stated_step_m};
 use crate::diagnosis::two_cores::on_two_cores;
-use crate::plant::effects::encoder_quantization::STEP;
 use crate::plant::effects::{
     EffectKind, ParameterValue, PhysicsTerm, Port, Role, coulomb_friction, viscous_friction,
 };
-use crate::sample::Recording;
 use crate::signal::inner_products::rms;
 
 /// True where a law's size is as far from zero as a number must be from its statement to be wrong, and the
@@ -49,8 +44,8 @@ pub(super) fn is_other_than_zero(
     if law.hypothesis.has_dose() {
         return true;
     }
-    // Of a bristle the force: what remains without it is a damper. It is the level of dry friction, and that is
-    // there as a number is that the model leaves out.
+    // Of a bristle the force: what remains without it is a damper. It is the level of dry friction, and that
+    // is there as a number is that the model leaves out.
     let (count, least) = if law.hypothesis.facts().turns_friction {
         (1, Z95)
     } else {
@@ -267,55 +262,6 @@ impl Case<'_> {
         list
     }
 
-    /// What encoders read wrong and no model says.
-    fn unstated_errors(&self) -> impl Iterator<Item = &ReadError> {
-        self.errors.iter().filter(|error| error.stated_m.is_none())
-    }
-
-    /// An encoder's error for people and as a term of a model.
-    pub(super) fn told_error(&self, error: &ReadError, state: &State) -> (Vec<Estimate>, PhysicsTerm) {
-        told(&error.law.hypothesis, &state.told(self.balance, &error.law, &error.deviations))
-    }
-
-    /// What an encoder reads wrong.
-    fn read_wrong(&self, error: &ReadError, state: &State) -> Found {
-        let all = self.recordings.iter().enumerate();
-        let along = all.map(|(k, r)| of_recording(k, r, error.along_m(self.axis, r).unwrap_or_default()));
-        let (estimates, term) = self.told_error(error, state);
-        Found {
-            term,
-            estimates,
-            evidence_nats: error.evidence_nats,
-            level_nats: error.level_nats,
-            contribution: along.collect(),
-            named: Named::Error(error.port()),
-        }
-    }
-
-    /// Force that each encoder's error makes of the balance.
-    fn error_forces(&self, state: &State) -> Vec<TimeColumn> {
-        let ground = state.ground(self.balance);
-        self.unstated_errors().map(|error| error.law.sum(&ground)).collect()
-    }
-
-    /// What the stated model leaves of the recordings as they came, without numbers that it does not state.
-    fn before(&self, unsaid: &[Number]) -> Rest {
-        let (design, beta) = fit_without(self.balance, self.start, unsaid);
-        let as_read = self.as_read(self.start, &numbers::with_none(self.balance, self.start, unsaid, &beta));
-        as_read.unwrap_or_else(|| rest_of(self.balance, self.start, (&design, &beta)))
-    }
-
-    /// What these coefficients leave of the recordings as they came; `None`: no encoder reads wrong.
-    fn as_read(&self, state: &State, beta: &[f64]) -> Option<Rest> {
-        self.unstated_errors().next()?;
-        let mut with = state.clone();
-        with.accepted.extend(self.unstated_errors().map(|error| error.law.clone()));
-        let with = with.rebuilt(self.balance);
-        let mut beta = beta.to_vec();
-        beta.extend(self.unstated_errors().flat_map(|error| error.law.amplitudes.iter().map(|a| -a)));
-        Some(rest_of(self.balance, &with, (&with.base.design, &beta)))
-    }
-
     /// A dead time longer than stated, a current loop slower than stated.
     fn found_in_path(&self, state: &State, doubt: &Doubt) -> Vec<(Accepted, Deviations, Named)> {
         let balance = self.balance;
@@ -413,60 +359,6 @@ impl Case<'_> {
             probability: *p,
         });
         (p[0], alternatives.filter(|a| a.probability > 1e-3).collect())
-    }
-
-    /// Steps of encoders that are coarser than stated, then what they read wrong: that is told above the band
-    /// of the balance, by nats that are none of its own.
-    fn of_encoders(&self, state: &State) -> Vec<Found> {
-        let steps = [Port::MotorEncoder, Port::StageEncoder].into_iter().filter_map(|p| self.encoder_step(p));
-        steps.chain(self.unstated_errors().map(|error| self.read_wrong(error, state))).collect()
-    }
-
-    fn encoder_step(&self, port: Port) -> Option<Found> {
-        let (axis, coarser) = (self.axis, Criteria::STANDARD.coarser_step);
-        let raw = axis.drive.raw();
-        // Without a stated step there is nothing to be coarser than.
-        match port {
-            Port::MotorEncoder => raw.motor_encoder_resolution_m,
-            _ => raw.stage_encoder_resolution_m,
-        }?;
-        let stated_m = stated_step_m(axis, port);
-        let read: Vec<Vec<f64>> =
-            self.recordings.iter().map(|r| position_at(axis, r, port)).collect::<Option<_>>()?;
-        let found = |(x, r): (&Vec<f64>, &Recording)| {
-            let step_m = coarser_step(x, stated_m)?;
-            // What is noisier than the step makes it is rounded to digits, or was reckoned; what is less
-            // noisy is the sum of a rounded speed.
-            let of_step = 12.0 * variance_m2(x, r.sample_rate.hz()) / step_m.powi(2);
-            (0.5..coarser.powi(2)).contains(&of_step).then_some(step_m)
-        };
-        let steps: Vec<f64> = read.iter().zip(self.recordings).map(found).collect::<Option<_>>()?;
-        let step_m = steps.iter().sum::<f64>() / steps.len().max(1) as f64;
-        if step_m < coarser * stated_m {
-            return None;
-        }
-        // The step's own part: the read value less the line between its neighbours' middles.
-        let off = |x: &[f64]| x.iter().map(|v| v - (v / step_m).round() * step_m).collect();
-        let read = read.iter().zip(self.recordings).enumerate();
-        let level_nats = level(self.start, (1, 0.0));
-        let ci95 = [0.98 * step_m, 1.02 * step_m];
-        let estimates = vec![Estimate { ci95, ..Estimate::within(&STEP, step_m, 0.0) }];
-        Some(Found {
-            term: term_of(EffectKind::EncoderQuantization, port, &estimates),
-            estimates,
-            evidence_nats: 10.0 * level_nats,
-            level_nats,
-            contribution: read.map(|(k, (x, r))| of_recording(k, r, off(x))).collect(),
-            named: Named::Steps(port),
-        })
-    }
-
-    /// Noise that steps make, where those are what was found.
-    fn stepped(&self, found: &Found) -> Option<Stepped> {
-        let Named::Steps(port) = found.named else { return None };
-        let noise_m2 =
-            |r: &Recording| Some(variance_m2(&position_at(self.axis, r, port)?, r.sample_rate.hz()));
-        Some(Stepped { port, variance_m2: self.recordings.iter().map(noise_m2).collect::<Option<_>>()? })
     }
 
     /// Numbers of the structure and of stated laws that stand elsewhere.

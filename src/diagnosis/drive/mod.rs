@@ -23,6 +23,7 @@ mod model;
 mod notes;
 mod number;
 mod numbers;
+mod of_encoders;
 mod one_mass;
 pub(in crate::diagnosis) mod recorded;
 mod rest;

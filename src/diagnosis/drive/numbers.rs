@@ -152,8 +152,9 @@ fn places_without(balance: &Balance, state: &State, numbers: &[Number]) -> Vec<u
     (0..base.design.columns.len()).filter(kept).collect()
 }
 
-/// The design without some numbers' columns, or with what the motor has of them. The masses stay as the state has them: that friction is left out
-/// is no reason for another mass, and where nothing else moves the axis one of any size is the likeliest.
+/// The design without some numbers' columns, or with what the motor has of them. The masses stay as the state
+/// has them: that friction is left out is no reason for another mass, and where nothing else moves the axis
+/// one of any size is the likeliest.
 fn without(balance: &Balance, state: &State, numbers: &[Number]) -> (Design, Vec<f64>) {
     let places = places_without(balance, state, numbers);
     let named = |k: &usize| state.base.numbers.get(*k).copied().filter(|n| numbers.contains(n));

@@ -128,8 +128,8 @@ pub(super) fn rest_of(balance: &Balance, state: &State, (design, beta): (&Design
     }
 }
 
-/// The spectrum of each band (of these recordings, band by band), no more at either side than in the greater of its neighbours: noise rises or
-/// falls from band to band, a line and a resonance stand out.
+/// The spectrum of each band (of these recordings, band by band), no more at either side than in the greater
+/// of its neighbours: noise rises or falls from band to band, a line and a resonance stand out.
 fn evened(recordings: &[usize], spreads: &[Spread]) -> Vec<Spread> {
     let same = |a: usize, b: usize| recordings.get(b) == Some(&recordings[a]);
     let of = |k: usize| {

@@ -1,0 +1,125 @@
+//! What is said of the encoders: steps that are coarser than stated, and what they read wrong.
+
+use super::case::{Case, Found};
+use super::columns::TimeColumn;
+use super::encoders::ReadError;
+use super::evidence::level;
+use super::heldout::{Named, Stepped};
+use super::numbers::{fit_without, with_none};
+use super::recorded::position_at;
+use super::rest::{Rest, rest_of};
+use super::series::of_recording;
+use super::state::{Number, State};
+use super::words::{term_of, told};
+use crate::diagnosis::criteria::Criteria;
+use crate::diagnosis::encoder_noise::variance_m2;
+use crate::diagnosis::result::Estimate;
+use crate::diagnosis::steps::{coarser_step, stated_step_m};
+use crate::plant::effects::encoder_quantization::STEP;
+use crate::plant::effects::{EffectKind, PhysicsTerm, Port};
+use crate::sample::Recording;
+
+impl Case<'_> {
+    /// What encoders read wrong and no model says.
+    pub(super) fn unstated_errors(&self) -> impl Iterator<Item = &ReadError> {
+        self.errors.iter().filter(|error| error.stated_m.is_none())
+    }
+
+    /// An encoder's error for people and as a term of a model.
+    pub(super) fn told_error(&self, error: &ReadError, state: &State) -> (Vec<Estimate>, PhysicsTerm) {
+        told(&error.law.hypothesis, &state.told(self.balance, &error.law, &error.deviations))
+    }
+
+    /// What an encoder reads wrong.
+    fn read_wrong(&self, error: &ReadError, state: &State) -> Found {
+        let all = self.recordings.iter().enumerate();
+        let along = all.map(|(k, r)| of_recording(k, r, error.along_m(self.axis, r).unwrap_or_default()));
+        let (estimates, term) = self.told_error(error, state);
+        Found {
+            term,
+            estimates,
+            evidence_nats: error.evidence_nats,
+            level_nats: error.level_nats,
+            contribution: along.collect(),
+            named: Named::Error(error.port()),
+        }
+    }
+
+    /// Force that each encoder's error makes of the balance.
+    pub(super) fn error_forces(&self, state: &State) -> Vec<TimeColumn> {
+        let ground = state.ground(self.balance);
+        self.unstated_errors().map(|error| error.law.sum(&ground)).collect()
+    }
+
+    /// What the stated model leaves of the recordings as they came, without numbers that it does not state.
+    pub(super) fn before(&self, unsaid: &[Number]) -> Rest {
+        let (design, beta) = fit_without(self.balance, self.start, unsaid);
+        let as_read = self.as_read(self.start, &with_none(self.balance, self.start, unsaid, &beta));
+        as_read.unwrap_or_else(|| rest_of(self.balance, self.start, (&design, &beta)))
+    }
+
+    /// What these coefficients leave of the recordings as they came; `None`: no encoder reads wrong.
+    pub(super) fn as_read(&self, state: &State, beta: &[f64]) -> Option<Rest> {
+        self.unstated_errors().next()?;
+        let mut with = state.clone();
+        with.accepted.extend(self.unstated_errors().map(|error| error.law.clone()));
+        let with = with.rebuilt(self.balance);
+        let mut beta = beta.to_vec();
+        beta.extend(self.unstated_errors().flat_map(|error| error.law.amplitudes.iter().map(|a| -a)));
+        Some(rest_of(self.balance, &with, (&with.base.design, &beta)))
+    }
+
+    /// Steps of encoders that are coarser than stated, then what they read wrong: that is told above the band
+    /// of the balance, by nats that are none of its own.
+    pub(super) fn of_encoders(&self, state: &State) -> Vec<Found> {
+        let steps = [Port::MotorEncoder, Port::StageEncoder].into_iter().filter_map(|p| self.encoder_step(p));
+        steps.chain(self.unstated_errors().map(|error| self.read_wrong(error, state))).collect()
+    }
+
+    fn encoder_step(&self, port: Port) -> Option<Found> {
+        let (axis, coarser) = (self.axis, Criteria::STANDARD.coarser_step);
+        let raw = axis.drive.raw();
+        // Without a stated step there is nothing to be coarser than.
+        match port {
+            Port::MotorEncoder => raw.motor_encoder_resolution_m,
+            _ => raw.stage_encoder_resolution_m,
+        }?;
+        let stated_m = stated_step_m(axis, port);
+        let read: Vec<Vec<f64>> =
+            self.recordings.iter().map(|r| position_at(axis, r, port)).collect::<Option<_>>()?;
+        let found = |(x, r): (&Vec<f64>, &Recording)| {
+            let step_m = coarser_step(x, stated_m)?;
+            // What is noisier than the step makes it is rounded to digits, or was reckoned; what is less
+            // noisy is the sum of a rounded speed.
+            let of_step = 12.0 * variance_m2(x, r.sample_rate.hz()) / step_m.powi(2);
+            (0.5..coarser.powi(2)).contains(&of_step).then_some(step_m)
+        };
+        let steps: Vec<f64> = read.iter().zip(self.recordings).map(found).collect::<Option<_>>()?;
+        let step_m = steps.iter().sum::<f64>() / steps.len().max(1) as f64;
+        if step_m < coarser * stated_m {
+            return None;
+        }
+        // The step's own part: the read value less the line between its neighbours' middles.
+        let off = |x: &[f64]| x.iter().map(|v| v - (v / step_m).round() * step_m).collect();
+        let read = read.iter().zip(self.recordings).enumerate();
+        let level_nats = level(self.start, (1, 0.0));
+        let ci95 = [0.98 * step_m, 1.02 * step_m];
+        let estimates = vec![Estimate { ci95, ..Estimate::within(&STEP, step_m, 0.0) }];
+        Some(Found {
+            term: term_of(EffectKind::EncoderQuantization, port, &estimates),
+            estimates,
+            evidence_nats: 10.0 * level_nats,
+            level_nats,
+            contribution: read.map(|(k, (x, r))| of_recording(k, r, off(x))).collect(),
+            named: Named::Steps(port),
+        })
+    }
+
+    /// Noise that steps make, where those are what was found.
+    pub(super) fn stepped(&self, found: &Found) -> Option<Stepped> {
+        let Named::Steps(port) = found.named else { return None };
+        let noise_m2 =
+            |r: &Recording| Some(variance_m2(&position_at(self.axis, r, port)?, r.sample_rate.hz()));
+        Some(Stepped { port, variance_m2: self.recordings.iter().map(noise_m2).collect::<Option<_>>()? })
+    }
+}
