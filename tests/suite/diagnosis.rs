@@ -642,7 +642,8 @@ fn an_encoder_that_reads_wrong_is_told_by_the_other_where_the_axis_is_one_mass()
     assert!((amplitude.ci95[0]..amplitude.ci95[1]).contains(&1.3e-8), "{amplitude:?}");
     let most_m = finding.contribution.iter().flat_map(|c| &c.value).fold(0.0_f64, |m, v| m.max(v.abs()));
     assert!((1.2e-8..1.5e-8).contains(&most_m), "{most_m:e}");
-    assert_eq!(d.location.unwrap().port.name(), "stage_encoder");
+    assert_eq!(d.location.as_ref().unwrap().port.name(), "stage_encoder");
+    assert!(d.notes.iter().any(|n| n.contains("both encoders differ")), "{:?}", d.notes);
     // The model that is written says it, and then nothing is missing.
     let again = diagnose(&d.model, &recordings, &|_, _| {}).unwrap();
     assert_eq!((again.verdict, again.findings.len()), (Verdict::ModelAdequate, 0), "{:?}", again.findings);

@@ -135,7 +135,7 @@ impl Case<'_> {
         let mut notes = self.notes_of((&left, &drives), is_left, &candidates);
         let faults = force_faults((self.axis, self.recordings), balance, &state, &doubt);
         let (force_faults, more) = notes::budget(&self, faults, found.is_empty());
-        notes.extend(more);
+        notes.extend(more.into_iter().chain(self.notes_of_errors()));
         let asserted = if unexplained { Vec::new() } else { found };
         let first = asserted.first().map(|f| f.named);
         let findings = self.findings(asserted, (&state, &unsaid), &left);

@@ -48,6 +48,8 @@ pub(super) struct ReadError {
     pub(super) deviations: Deviations,
     pub(super) evidence_nats: f64,
     pub(super) level_nats: f64,
+    /// Root mean square of what both encoders differ by above the band, with it and without, m.
+    pub(super) apart_m: [f64; 2],
     /// First amplitude that the model states, m.
     pub(super) stated_m: Option<f64>,
     curve: EncoderError,
@@ -61,6 +63,7 @@ impl ReadError {
             deviations: Deviations::default(),
             evidence_nats: 0.0,
             level_nats: 0.0,
+            apart_m: [0.0; 2],
             stated_m: of.stated.map(|a| a[0].hypot(a[1])),
             curve: EncoderError::new(of.period_m, amplitudes.as_slice()),
         }
@@ -134,7 +137,7 @@ impl<'a> Readings<'a> {
             }
             open.retain(|other| other.port != of.port);
             out.errors.retain(|error| error.port() != of.port);
-            if let Some(error) = out.refined((axis, recordings), of, asked.fit, &options.masked) {
+            if let Some(error) = out.refined((axis, recordings), of, &asked, &options.masked) {
                 out.errors.push(ReadError { evidence_nats: asked.score_nats, level_nats, ..error });
             }
             out.recordings = Cow::Owned(out.put_right(axis, recordings));
@@ -157,27 +160,29 @@ impl<'a> Readings<'a> {
         &self,
         (axis, recordings): (&AxisModel, &[Recording]),
         of: Signal,
-        mut more: LeastSquares,
+        asked: &Asked,
         masked: &[Vec<bool>],
     ) -> Option<ReadError> {
         let others = self.put_right(axis, recordings);
         let mut amplitudes = of.stated.unwrap_or_default();
+        let (mut by, mut noise, mut apart_m) = (asked.fit.amplitudes, asked.fit.deviations(), asked.apart_m);
         for _ in 0..PASSES {
-            let (by, noise) = (more.amplitudes, more.deviations());
             amplitudes += by;
             let error = ReadError::new(of, amplitudes);
             let mut right = others.clone();
             right.iter_mut().for_each(|recording| error.put_right(axis, recording));
-            more = Asked::new(&Pair::of_each(axis, &right, masked)?, of)?.fit;
+            let rest = Asked::new(&Pair::of_each(axis, &right, masked)?, of)?;
+            (by, noise, apart_m) = (rest.fit.amplitudes, rest.fit.deviations(), rest.apart_m);
             if by.iter().zip(&noise).all(|(by, noise)| by.abs() < *noise) {
                 break;
             }
         }
         let exact_m = Criteria::STANDARD.exactness * amplitudes.norm();
-        let deviations = more.deviations().iter().map(|d| d.hypot(exact_m)).collect();
+        let deviations = noise.iter().map(|d| d.hypot(exact_m)).collect();
         let error = ReadError::new(of, amplitudes);
         let deviations = Deviations { amplitudes: deviations, constants: Vec::new() };
-        error.curve.reads_forwards().then_some(ReadError { deviations, ..error })
+        let apart_m = [asked.apart_m, apart_m];
+        error.curve.reads_forwards().then_some(ReadError { deviations, apart_m, ..error })
     }
 
     /// Encoders that were put right.
@@ -377,6 +382,8 @@ struct Asked {
     fit: LeastSquares,
     /// The worst of gain, quarters and recordings, less the price, nats.
     score_nats: f64,
+    /// Root mean square of h * d, m.
+    apart_m: f64,
 }
 
 impl Asked {
@@ -407,7 +414,8 @@ impl Asked {
             score_nats = score_nats.min(foretold(&|b| b.recording, pairs.len())?);
         }
         let rows: f64 = blocks.iter().map(|b| b.rows).sum();
-        Some(Self { fit, score_nats: score_nats - price(4, rows) })
+        let apart_m = (blocks.iter().map(|b| b.of_d).sum::<f64>() / rows).sqrt();
+        Some(Self { fit, score_nats: score_nats - price(4, rows), apart_m })
     }
 
     /// What chance reaches: by the count of encoders, and by waves that are a quarter, a half and three

@@ -18,6 +18,7 @@ use crate::diagnosis::steps::{coarser_step, stated_step_m};
 use crate::plant::effects::encoder_quantization::STEP;
 use crate::plant::effects::{EffectKind, PhysicsTerm, Port};
 use crate::sample::Recording;
+use crate::units::engineering;
 
 impl Case<'_> {
     /// What encoders read wrong and no model says.
@@ -28,6 +29,20 @@ impl Case<'_> {
     /// An encoder's error for people and as a term of a model.
     pub(super) fn told_error(&self, error: &ReadError, state: &State) -> (Vec<Estimate>, PhysicsTerm) {
         told(&error.law.hypothesis, &state.told(self.balance, &error.law, &error.deviations))
+    }
+
+    /// What the proof of each error is: it may be seen by no balance.
+    pub(super) fn notes_of_errors(&self) -> impl Iterator<Item = String> {
+        let above_hz = Criteria::STANDARD.band_share[0] * self.balance.signals.rate_hz;
+        self.unstated_errors().map(move |error| {
+            format!(
+                "Above {above_hz:.0} Hz both encoders differ by {}, without what the {} reads wrong by {} \
+                 (root mean square).",
+                engineering(error.apart_m[0], "m", 3),
+                error.port().name().replace('_', " "),
+                engineering(error.apart_m[1], "m", 3)
+            )
+        })
     }
 
     /// What an encoder reads wrong.
