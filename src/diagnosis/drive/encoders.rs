@@ -1,8 +1,9 @@
 //! What the encoders of an axis read wrong, as they tell it of one another.
 //!
-//! Above the band of a balance motor and stage are one motion whatever the drive is, and what d = x_m - x_t
-//! has there is what they read. With h: all that is above that band, x the position that an encoder reads,
-//! low-passed and without the error that is known, p its signal period,
+//! Above the band of a balance, and of the axial resonance, motor and stage hardly move apart whatever the
+//! drive is: what d = x_m - x_t has there is what they read, to a percent in closed loop. With h: all that
+//! is above that band, x the position that an encoder reads, low-passed and
+//! without the error that is known, p its signal period,
 //!
 //! ```text
 //! h * d = sum_k a_k h * w_k(x) + noise,     w = sin, cos of 2 pi x / p and of 4 pi x / p
@@ -19,6 +20,7 @@ use super::accepted::Accepted;
 use super::evidence::price;
 use super::laws::encoder_interpolation_error::Interpolation;
 use super::laws::{Deviations, Hypothesis};
+use super::model::is_other_size;
 use super::recorded::position_column;
 use super::rounding::QUARTERS;
 use super::spectra::{FOLDS, LONGEST_BLOCK};
@@ -71,7 +73,10 @@ impl ReadError {
 
     /// True for one that the model states of another size.
     pub(super) fn is_other_size(&self) -> bool {
-        self.stated_m.is_some() && self.evidence_nats > self.level_nats
+        let [sine_m, cosine_m] = [0, 1].map(|k| self.law.amplitudes[k]);
+        let deviation_m = self.deviations.amplitudes.iter().take(2).fold(0.0_f64, |most, d| most.max(*d));
+        let other = |m: f64| is_other_size(sine_m.hypot(cosine_m) / m, deviation_m / m);
+        self.evidence_nats > self.level_nats && self.stated_m.is_some_and(other)
     }
 
     pub(super) fn port(&self) -> Port {
@@ -132,10 +137,10 @@ impl<'a> Readings<'a> {
             let best = best.max_by(|a, b| a.0.score_nats.total_cmp(&b.0.score_nats));
             let Some((asked, of)) = best else { break };
             let level_nats = asked.level_nats(&pairs, of, count);
-            if asked.score_nats <= level_nats {
-                break;
-            }
             open.retain(|other| other.port != of.port);
+            if asked.score_nats <= level_nats {
+                continue;
+            }
             out.errors.retain(|error| error.port() != of.port);
             if let Some(error) = out.refined((axis, recordings), of, &asked, &options.masked) {
                 out.errors.push(ReadError { evidence_nats: asked.score_nats, level_nats, ..error });
@@ -177,6 +182,7 @@ impl<'a> Readings<'a> {
                 break;
             }
         }
+        amplitudes += by;
         let exact_m = Criteria::STANDARD.exactness * amplitudes.norm();
         let deviations = noise.iter().map(|d| d.hypot(exact_m)).collect();
         let error = ReadError::new(of, amplitudes);
@@ -210,16 +216,23 @@ fn signals(axis: &AxisModel) -> Vec<Signal> {
         let mut stated = axis.physics.iter().filter(|t| t.port == port).filter_map(EncoderError::of);
         match (stated.next(), stated.next()) {
             (None, _) => Some(Signal { port, period_m: period_m?, stated: None }),
-            (Some(error), None) => {
+            (Some(error), None) if error.wave().1.len() <= 2 => {
                 let (period_m, waves) = error.wave();
                 let two = Vector4::from_iterator(waves.iter().flatten().copied().chain([0.0; 4]).take(4));
                 Some(Signal { port, period_m, stated: Some(two) })
             }
-            // Two at one encoder stay in the balance.
+            // Two at one encoder, and further harmonics, stay in the balance.
             _ => None,
         }
     };
-    of_drive.into_iter().filter_map(of).filter(|of| of.period_m > 0.0).collect()
+    let all: Vec<Signal> = of_drive.into_iter().filter_map(of).filter(|of| of.period_m > 0.0).collect();
+    // Waves of one period say nothing of which encoder they are; a period as travel is as good as the lead.
+    let alike =
+        |ratio: f64| [0.5, 1.0, 2.0].iter().any(|n| (ratio / n - 1.0).abs() < Criteria::STANDARD.travel_off);
+    match &all[..] {
+        [motor, stage] if alike(motor.period_m / stage.period_m) => Vec::new(),
+        _ => all,
+    }
 }
 
 /// Both positions of a recording on one grid.
@@ -401,8 +414,15 @@ impl Asked {
         let all: f64 = (0..blocks.len()).map(|k| gain(k, &fit.amplitudes)).sum();
         let foretold = |part_of: &dyn Fn(&Block) -> usize, parts: usize| -> Option<f64> {
             let one = |part: usize| -> Option<f64> {
-                let counted = blocks.iter().zip(fit.noise_m2.iter().copied());
-                let (a, _) = amplitudes(counted.filter(|(b, _)| part_of(b) != part))?;
+                let counted = || blocks.iter().zip(fit.noise_m2.iter().copied());
+                let others = || counted().filter(|(b, _)| part_of(b) != part);
+                // What stands still elsewhere foretells nothing here.
+                let told = |(b, noise_m2): (&Block, f64)| b.of_waves.trace() / noise_m2;
+                let told_of_all: f64 = counted().map(told).sum();
+                if others().map(told).sum::<f64>() <= Criteria::STANDARD.exactness * told_of_all {
+                    return Some(0.0);
+                }
+                let (a, _) = amplitudes(others())?;
                 let own = (0..blocks.len()).filter(|k| part_of(&blocks[*k]) == part);
                 Some(own.map(|k| gain(k, &a)).sum())
             };

@@ -117,6 +117,13 @@ pub(super) fn stated_at_motor(balance: &Balance, number: Number) -> f64 {
     of_motor.map_or(0.0, |motor| stated_mechanics(balance).of(motor))
 }
 
+/// What of that is not in a bristle.
+fn held(balance: &Balance, state: &State, number: Number) -> f64 {
+    let bristles = state.coulomb_n() - state.now.mechanics.stage_coulomb_n;
+    let in_laws = if number == Number::StageCoulomb { bristles } else { 0.0 };
+    (stated_at_motor(balance, number) - in_laws).max(0.0)
+}
+
 /// A number's estimate in the balance.
 fn estimate(state: &State, (place, number): (usize, Number)) -> f64 {
     if number == Number::StageCoulomb { state.coulomb_n() } else { state.base.fit.beta[place] }
@@ -159,13 +166,13 @@ fn without(balance: &Balance, state: &State, numbers: &[Number]) -> (Design, Vec
     let places = places_without(balance, state, numbers);
     let named = |k: &usize| state.base.numbers.get(*k).copied().filter(|n| numbers.contains(n));
     let at_motor: Vec<Option<f64>> =
-        places.iter().map(|k| named(k).map(|n| stated_at_motor(balance, n))).collect();
+        places.iter().map(|k| named(k).map(|n| held(balance, state, n))).collect();
     let both = places.iter().zip(&at_motor);
     let beta: Vec<f64> = both.map(|(k, stated)| stated.unwrap_or(state.base.fit.beta[*k])).collect();
     let mut design = state.base.design.kept(&places);
     design.masses.iter().for_each(|(k, _)| design.bounds[*k] = [beta[*k]; 2]);
-    let held = at_motor.iter().enumerate().filter_map(|(k, stated)| Some((k, (*stated)?)));
-    held.for_each(|(k, stated)| design.bounds[k] = [stated; 2]);
+    let fixed = at_motor.iter().enumerate().filter_map(|(k, stated)| Some((k, (*stated)?)));
+    fixed.for_each(|(k, stated)| design.bounds[k] = [stated; 2]);
     (design, beta)
 }
 
