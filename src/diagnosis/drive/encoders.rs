@@ -2,8 +2,8 @@
 //!
 //! Above the band of a balance, and of the axial resonance, motor and stage hardly move apart whatever the
 //! drive is: what d = x_m - x_t has there is what they read, to a percent in closed loop. With h: all that
-//! is above that band, x the position that an encoder reads, low-passed and
-//! without the error that is known, p its signal period,
+//! is above that band, x the position that an encoder reads, low-passed and without the error that is known,
+//! p its signal period,
 //!
 //! ```text
 //! h * d = sum_k a_k h * w_k(x) + noise,     w = sin, cos of 2 pi x / p and of 4 pi x / p
@@ -21,7 +21,7 @@ use super::evidence::price;
 use super::laws::encoder_interpolation_error::Interpolation;
 use super::laws::{Deviations, Hypothesis};
 use super::model::is_other_size;
-use super::recorded::position_column;
+use super::recorded::{has_both_positions, position_at, position_column};
 use super::rounding::QUARTERS;
 use super::spectra::{FOLDS, LONGEST_BLOCK};
 use super::subject::PASSES;
@@ -99,8 +99,7 @@ impl ReadError {
 
     /// The same along a recording, m; `None`: the encoder is not recorded.
     pub(super) fn along_m(&self, axis: &AxisModel, recording: &Recording) -> Option<Vec<f64>> {
-        let (name, m_per_unit) = position_column(axis, recording, self.port())?;
-        Some(recording.get(&name)?.iter().map(|v| self.at_read_m(v * m_per_unit)).collect())
+        Some(position_at(axis, recording, self.port())?.into_iter().map(|x| self.at_read_m(x)).collect())
     }
 
     /// Takes it off a recording.
@@ -117,11 +116,8 @@ impl<'a> Readings<'a> {
     /// Looks at every encoder with a stated signal period that another one stands beside.
     pub(super) fn of(axis: &AxisModel, recordings: &'a [Recording], options: &DiagnoseOptions) -> Self {
         let mut out = Self { recordings: Cow::Borrowed(recordings), errors: Vec::new() };
-        let both = |r: &Recording| {
-            [Port::MotorEncoder, Port::StageEncoder].iter().all(|p| position_column(axis, r, *p).is_some())
-        };
         // A mean over rows has less of a wave the quicker it is.
-        if options.averaged[1] > 1 || !recordings.iter().all(both) {
+        if options.averaged[1] > 1 || !recordings.iter().all(|r| has_both_positions(axis, r)) {
             return out;
         }
         let mut open = signals(axis);
@@ -255,10 +251,7 @@ impl Pair {
     }
 
     fn new(axis: &AxisModel, recording: &Recording, masked: &[bool]) -> Option<Self> {
-        let read = |port| -> Option<Vec<f64>> {
-            let (name, m_per_unit) = position_column(axis, recording, port)?;
-            Some(recording.get(&name)?.iter().map(|v| v * m_per_unit).collect())
-        };
+        let read = |port| position_at(axis, recording, port);
         let x_m = [read(Port::MotorEncoder)?, read(Port::StageEncoder)?];
         let rate_hz = recording.sample_rate.hz();
         let plain = Action { derivative: 0, advance_s: 0.0 };
@@ -350,8 +343,8 @@ fn noise_m2(blocks: &[Block], a: &Vector4<f64>) -> Vec<f64> {
     blocks.iter().map(|b| 0.5 * (b.left_m2(a) + all_m2)).collect()
 }
 
-/// Information and right-hand side of the blocks that count, `share`: see [`Asked::SHARE`].
-fn amplitudes<'a>(counted: impl Iterator<Item = (&'a Block, f64)>) -> Option<(Vector4<f64>, Matrix4<f64>)> {
+/// Amplitudes by the blocks that count, each with its noise, and the inverse of the information.
+fn weighted<'a>(counted: impl Iterator<Item = (&'a Block, f64)>) -> Option<(Vector4<f64>, Matrix4<f64>)> {
     let none = (Matrix4::zeros(), Vector4::zeros());
     let (information, with_d) =
         counted.fold(none, |(i, w), (b, noise_m2)| (i + b.of_waves / noise_m2, w + b.with_d / noise_m2));
@@ -372,7 +365,7 @@ impl LeastSquares {
                 return None;
             }
             let counted = blocks.iter().zip(out.noise_m2.iter().copied());
-            (out.amplitudes, out.covariance) = amplitudes(counted)?;
+            (out.amplitudes, out.covariance) = weighted(counted)?;
             out.noise_m2 = noise_m2(blocks, &out.amplitudes);
         }
         Some(out)
@@ -422,7 +415,7 @@ impl Asked {
                 if others().map(told).sum::<f64>() <= Criteria::STANDARD.exactness * told_of_all {
                     return Some(0.0);
                 }
-                let (a, _) = amplitudes(others())?;
+                let (a, _) = weighted(others())?;
                 let own = (0..blocks.len()).filter(|k| part_of(&blocks[*k]) == part);
                 Some(own.map(|k| gain(k, &a)).sum())
             };
@@ -509,8 +502,7 @@ mod tests {
     #[test]
     fn each_encoder_is_told_by_the_other_through_steps_longer_than_its_error() {
         let (axis, options) = (axis(), DiagnoseOptions::default());
-        let curves = curves(WRONG);
-        let recordings = [2, 3].map(|s| stroke(s, &curves, [2e-8, 8e-8], 0.01));
+        let recordings = [2, 3].map(|s| stroke(s, &curves(WRONG), [2e-8, 8e-8], 0.01));
         let found = Readings::of(&axis, &recordings, &options);
         assert_eq!(found.errors.len(), 2, "{:?}", found.ports());
         for error in &found.errors {
@@ -525,7 +517,7 @@ mod tests {
             }
         }
         // What the balance gets: as without the errors, but for the steps.
-        let right = stroke(3, &super::tests::curves([[0.0; 4]; 2]), [2e-8, 8e-8], 0.01);
+        let right = stroke(3, &curves([[0.0; 4]; 2]), [2e-8, 8e-8], 0.01);
         let off: Vec<f64> = found.recordings[1].columns[1]
             .values
             .iter()

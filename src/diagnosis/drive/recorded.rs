@@ -84,6 +84,11 @@ pub(in crate::diagnosis) fn position_at(
     Some(recording.get(&name)?.iter().map(|v| v * m_per_unit).collect())
 }
 
+/// True where motor and stage are both read.
+pub(in crate::diagnosis) fn has_both_positions(axis: &AxisModel, recording: &Recording) -> bool {
+    [Port::MotorEncoder, Port::StageEncoder].iter().all(|p| position_column(axis, recording, *p).is_some())
+}
+
 /// Position in m from the motor encoder, else from the scale.
 pub(in crate::diagnosis) fn position(
     axis: &AxisModel,

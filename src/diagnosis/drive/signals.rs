@@ -3,7 +3,8 @@
 
 use super::one_mass::{Spring, THINNED_PER_BAND, spring};
 use super::recorded::{
-    Thrust, is_locked, motor_position, position, position_at, span, stage_position, thrust,
+    Thrust, has_both_positions, is_locked, motor_position, position, position_at, span, stage_position,
+    thrust,
 };
 use super::spectra::{SHORTEST_BLOCK, Series};
 use super::standstill::standstill;
@@ -106,11 +107,10 @@ pub(super) struct Signals {
 /// How this axis is balanced.
 pub(in crate::diagnosis) fn layout(axis: &AxisModel, recordings: &[Recording]) -> Layout {
     let flexible = axis.drive.structure() != Structure::Rigid;
-    let both = |r: &Recording| motor_position(axis, r).is_some() && stage_position(axis, r).is_some();
     if recordings.iter().all(|r| is_locked(axis, r)) {
         return Layout::Locked;
     }
-    if !flexible || !recordings.iter().all(both) {
+    if !flexible || !recordings.iter().all(|r| has_both_positions(axis, r)) {
         return Layout::OnePosition;
     }
     // Errors in variables: noise of the steps over the stretch, of all recordings together. The stiffness is
