@@ -2,8 +2,6 @@
 
 use super::case::{Case, Drives, Found};
 use super::closed_loop::closed_loop;
-use super::columns::TimeColumn;
-use super::encoders::ReadError;
 use super::evidence::{least_seen_n, level};
 use super::faults::force_faults;
 use super::heldout::{Named, Written, fit_taken_out, foretold_n, without};
@@ -305,9 +303,7 @@ impl Case<'_> {
             return Vec::new();
         }
         let stepped = found.iter().filter_map(|f| self.stepped(f)).collect();
-        let forces = self.error_forces(state);
-        let of_error = |(e, force): (&ReadError, &TimeColumn)| (e.port(), force.power(self.samples()));
-        let errors_n2 = self.unstated_errors().zip(&forces).map(of_error).collect();
+        let errors_n2 = self.error_forces(state).iter().map(|(port, force)| (*port, force.power())).collect();
         let written = Written { state, unsaid, stepped, errors_n2 };
         let left_n = |named: Option<Named>| written.heldout_n(self.balance, named);
         let after_n = left_n(None);
@@ -402,10 +398,7 @@ impl Case<'_> {
         let (shown, of) = match named {
             None => (left.clone(), state.clone()),
             Some(Named::Steps(_)) => (rest(self.balance, self.start), self.start.clone()),
-            Some(Named::Error(_)) => {
-                let shown = self.as_read(state, &state.base.fit.beta);
-                (shown.unwrap_or_else(|| left.clone()), state.clone())
-            }
+            Some(Named::Error(port)) => (self.rest_of_error(port, state, left), state.clone()),
             Some(_) => {
                 let (others, design, beta) = fit_taken_out(self.balance, state, named, &[]);
                 (rest_of(self.balance, &others, (&design, &beta)), others)

@@ -51,9 +51,13 @@ impl TimeColumn {
         out
     }
 
-    /// Mean square over that many samples, both sides together.
-    pub(super) fn power(&self, samples: f64) -> f64 {
-        self.sides.iter().flatten().flatten().map(|x| dot(x, x)).sum::<f64>() / samples
+    /// Mean square, both sides together.
+    pub(super) fn power(&self) -> f64 {
+        let mean = |side: &Series| {
+            let rows: usize = side.iter().map(Vec::len).sum();
+            side.iter().map(|x| dot(x, x)).sum::<f64>() / rows.max(1) as f64
+        };
+        self.sides.iter().flatten().map(mean).sum()
     }
 
     /// Columns times amplitudes, added.

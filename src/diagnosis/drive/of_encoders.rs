@@ -31,9 +31,23 @@ impl Case<'_> {
         told(&error.law.hypothesis, &state.told(self.balance, &error.law, &error.deviations))
     }
 
+    /// What is left of the recordings as they came, where an encoder reads wrong: of one whose position is not
+    /// balanced that is seen above the band alone.
+    pub(super) fn rest_of_error(&self, encoder: Port, state: &State, left: &Rest) -> Rest {
+        let s = &self.balance.signals;
+        let above = || Rest { band_hz: [self.above_hz(), 0.5 * s.rate_hz], shares: None, ..left.clone() };
+        let balanced = s.balances(encoder).then(|| self.as_read(state, &state.base.fit.beta)).flatten();
+        balanced.unwrap_or_else(above)
+    }
+
+    /// From where on both encoders read one motion, Hz.
+    fn above_hz(&self) -> f64 {
+        Criteria::STANDARD.band_share[0] * self.balance.signals.rate_hz
+    }
+
     /// What the proof of each error is: it may be seen by no balance.
     pub(super) fn notes_of_errors(&self) -> impl Iterator<Item = String> {
-        let above_hz = Criteria::STANDARD.band_share[0] * self.balance.signals.rate_hz;
+        let above_hz = self.above_hz();
         self.unstated_errors().map(move |error| {
             format!(
                 "Above {above_hz:.0} Hz both encoders differ by {}, without what the {} reads wrong by {} \
@@ -60,10 +74,15 @@ impl Case<'_> {
         }
     }
 
-    /// Force that each encoder's error makes of the balance.
-    pub(super) fn error_forces(&self, state: &State) -> Vec<TimeColumn> {
+    /// Those of an encoder whose position is balanced.
+    fn balanced_errors(&self) -> impl Iterator<Item = &ReadError> {
+        self.unstated_errors().filter(|error| self.balance.signals.balances(error.port()))
+    }
+
+    /// Force that an error of each encoder makes of the balance.
+    pub(super) fn error_forces(&self, state: &State) -> Vec<(Port, TimeColumn)> {
         let ground = state.ground(self.balance);
-        self.unstated_errors().map(|error| error.law.sum(&ground)).collect()
+        self.balanced_errors().map(|error| (error.port(), error.law.sum(&ground))).collect()
     }
 
     /// What the stated model leaves of the recordings as they came, without numbers that it does not state.
@@ -73,14 +92,14 @@ impl Case<'_> {
         as_read.unwrap_or_else(|| rest_of(self.balance, self.start, (&design, &beta)))
     }
 
-    /// What these coefficients leave of the recordings as they came; `None`: no encoder reads wrong.
+    /// What these coefficients leave of the recordings as they came; `None`: no balanced position is read wrong.
     pub(super) fn as_read(&self, state: &State, beta: &[f64]) -> Option<Rest> {
-        self.unstated_errors().next()?;
+        self.balanced_errors().next()?;
         let mut with = state.clone();
-        with.accepted.extend(self.unstated_errors().map(|error| error.law.clone()));
+        with.accepted.extend(self.balanced_errors().map(|error| error.law.clone()));
         let with = with.rebuilt(self.balance);
         let mut beta = beta.to_vec();
-        beta.extend(self.unstated_errors().flat_map(|error| error.law.amplitudes.iter().map(|a| -a)));
+        beta.extend(self.balanced_errors().flat_map(|error| error.law.amplitudes.iter().map(|a| -a)));
         Some(rest_of(self.balance, &with, (&with.base.design, &beta)))
     }
 
@@ -133,6 +152,9 @@ impl Case<'_> {
     /// Noise that steps make, where those are what was found.
     pub(super) fn stepped(&self, found: &Found) -> Option<Stepped> {
         let Named::Steps(port) = found.named else { return None };
+        if !self.balance.signals.balances(port) {
+            return None;
+        }
         let noise_m2 =
             |r: &Recording| Some(variance_m2(&position_at(self.axis, r, port)?, r.sample_rate.hz()));
         Some(Stepped { port, variance_m2: self.recordings.iter().map(noise_m2).collect::<Option<_>>()? })

@@ -36,12 +36,12 @@ pub(super) fn residuals(
 impl Residuals {
     /// The same of the recordings as they came, before anything was found: with forces that are no part of
     /// these positions.
-    pub(super) fn with(mut self, forces: &[TimeColumn]) -> Self {
+    pub(super) fn with(mut self, forces: &[(Port, TimeColumn)]) -> Self {
         let both = [&mut self.nominal, &mut self.before];
         let sums = both.into_iter().flat_map(|of| of.iter_mut().enumerate());
         for (recording, sides) in sums {
             for (side, sum) in sides.iter_mut().enumerate() {
-                for force in forces.iter().filter_map(|f| f.sides[side].as_ref()) {
+                for force in forces.iter().filter_map(|(_, f)| f.sides[side].as_ref()) {
                     sum.iter_mut().zip(&force[recording]).for_each(|(s, f)| *s += f);
                 }
             }

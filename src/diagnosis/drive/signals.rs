@@ -84,6 +84,8 @@ pub(super) struct Thin {
 /// All recordings, and the filters that made them.
 pub(super) struct Signals {
     pub(super) layout: Layout,
+    /// Whether the position of motor and of stage is balanced.
+    balanced: [bool; 2],
     pub(super) rate_hz: f64,
     pub(super) band_hz: f64,
     pub(super) step: usize,
@@ -190,6 +192,7 @@ impl Signals {
         let low_pass = |hz, derivative| Kernel::low_pass(hz, rate_hz, Action { derivative, advance_s: 0.0 });
         let mut signals = Self {
             layout,
+            balanced: [two || !is_of_stage, two || is_of_stage],
             rate_hz,
             band_hz,
             step: ((rate_hz / (THINNED_PER_BAND * band_hz)) as usize).max(1),
@@ -344,6 +347,12 @@ impl Signals {
     /// Half the time that a column was averaged over: what a mean of past rows is late by, s.
     pub(super) fn averaged_s(&self) -> f64 {
         self.means.iter().map(Kernel::half).max().unwrap_or(0) as f64 / self.rate_hz
+    }
+
+    /// Whether the position that the encoder at this port reads is balanced: of one position the other may
+    /// have been recorded, too.
+    pub(super) fn balances(&self, encoder: Port) -> bool {
+        self.balanced[usize::from(encoder == Port::StageEncoder)]
     }
 
     /// Number of balances.
