@@ -84,12 +84,16 @@ pub(super) fn run(arguments: Arguments) -> anyhow::Result<()> {
     source.say_what_is_invalid()?;
     let mut settings = source.settings(&config, band);
     settings.margin = margin_of(&recording, given.then_some(&config)).map_err(place)?;
+    let evidence = Evidence::of(&recording).map_err(|e| place(e.to_string()))?;
+    if evidence.is_some() {
+        // The live service listens with what the turret reports alone.
+        settings.stated_pitch_rad = None;
+    }
     let pipeline = Pipeline::new(settings);
     let mut pipeline = pipeline.map_err(|error| match &arguments.band_hz {
         Some(band) => bad_input(format!("--band-hz {band}: {error} ({})", arguments.recording.display())),
         None => place(error.to_string()),
     })?;
-    let evidence = Evidence::of(&recording).map_err(|e| place(e.to_string()))?;
     let account = evidence.as_ref().and_then(|e| e.account.clone());
     let carries_evidence = evidence.is_some();
     let begun = evidence.filter(|e| e.settings == pipeline.settings_digest());
