@@ -121,11 +121,18 @@ impl<'a> Drive<'a> {
         beside
     }
 
-    /// A Gauss-Newton step of the logarithms of the constants.
+    /// A Gauss-Newton step of the logarithms of the constants. Where these are all of the size an amplitude
+    /// made up for what the grid is off: the step is taken from one on. Not of one position, where a spring
+    /// that nobody sees is later than the force, as what is asked here is.
     fn shape_step(&self, best: &Best<'_>) -> Option<Vec<f64>> {
         let Best { state, h, asked, .. } = best;
-        let slopes = slopes(self.balance, state, h, asked.amplitudes());
-        let step = self.free_step((&asked.gram, &asked.design, &asked.fit.beta), &slopes)?;
+        let (mut design, mut beta) = (asked.design.clone(), asked.fit.beta.clone());
+        if h.has_dose() && self.balance.signals.sides() == 2 {
+            beta[asked.first] = 1.0;
+            design.bounds[asked.first] = [1.0; 2];
+        }
+        let slopes = slopes(self.balance, state, h, &beta[asked.first..]);
+        let step = self.free_step((&asked.gram, &design, &beta), &slopes)?;
         Some(step.iter().map(|s| s.clamp(-LONGEST_STEP, LONGEST_STEP)).collect())
     }
 

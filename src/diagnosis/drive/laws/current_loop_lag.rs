@@ -43,6 +43,15 @@ impl Law for CurrentLoop {
         Some(vec![ground.path_change(ground.path.with_loop(self.rad_s, self.in_place))])
     }
 
+    /// In place of a dead time the second order of the lag is left: one of any bandwidth promises the same by
+    /// some amplitude. None is quicker than stated.
+    fn starts(&self, balance: &Balance) -> Vec<Shape> {
+        let stated_rad_s = balance.drive.current_loop_bandwidth_rad_s().unwrap_or(f64::INFINITY);
+        let quicker = [1.4, 2.0, 2.8, 4.0].map(|factor| factor * self.rad_s);
+        let slow = quicker.into_iter().filter(|rad_s| *rad_s < stated_rad_s);
+        slow.map(|rad_s| Self { rad_s, ..*self }.into()).collect()
+    }
+
     fn move_number(&self, now: &mut Standing, _: &Balance) -> bool {
         now.path = now.path.with_loop(self.rad_s, self.in_place);
         now.found_loop = true;
