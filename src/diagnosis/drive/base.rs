@@ -15,7 +15,7 @@ use std::sync::Arc;
 
 /// Steps of the bandwidth, and samples of a delay that was found, that a fit may take at once.
 const MOST_STEPS: f64 = 15.0;
-const MOST_DELAY_SAMPLES: f64 = 2.0;
+pub(super) const MOST_DELAY_SAMPLES: f64 = 2.0;
 
 use Number as N;
 

@@ -36,10 +36,10 @@ mod standstill;
 mod state;
 mod subject;
 mod thrust_left;
+mod together;
 mod turning;
 mod words;
 
-use super::criteria::{Criteria, Z95};
 use super::cuts::spindle_hz;
 use super::selection::{Reach, Round, Work, select};
 use super::{DiagnoseError, DiagnoseOptions, Diagnosis, Progress};
@@ -47,6 +47,7 @@ use crate::plant::drive::Structure;
 use crate::plant::machine::{AxisModel, Machine};
 use crate::sample::Recording;
 use encoders::Readings;
+use together::together;
 
 /// Samples times evaluations of screening and fits for a second of the budget on one thread of a slow office
 /// machine, which makes 1e7 of them: the rest is for the answer.
@@ -228,69 +229,4 @@ pub(in crate::diagnosis) fn diagnose(
     let diagnosis = case.answer(selected.model);
     progress(1.0, "done");
     Ok(diagnosis)
-}
-
-/// What is known of an axis before any law of the machine is asked.
-#[derive(Default)]
-struct Known {
-    standing: Option<state::Standing>,
-    /// In which it was found.
-    rounds: Vec<Round<laws::Hypothesis, state::State>>,
-}
-
-impl Known {
-    /// A state beside that.
-    fn beside(&self, balance: &state::Balance, state: state::State) -> state::State {
-        match &self.standing {
-            Some(known) => state.beside(balance, known, subject::PASSES),
-            None => state,
-        }
-    }
-}
-
-/// The axis with its terms folded into keys, and its balance. Where nobody states when both encoders are read
-/// the positions are taken as they belong together, once the two things are known that bend that most: what
-/// lies between command and thrust, and the speed over which friction turns. By a first-order law of the
-/// damped spring a dead time is structural damping of the motor's side, and one encoder's delay is that of
-/// both, with opposite signs; friction that turns too late is a damper between them. Where the delay stays at
-/// its bound the positions are taken as stated.
-fn together(
-    stated: &AxisModel,
-    readings: &Readings<'_>,
-    options: &DiagnoseOptions,
-    work: &mut Work,
-) -> Result<(AxisModel, state::Balance, Known), DiagnoseError> {
-    let folded = given::folded(stated);
-    let folded = second_mass::two_masses(&folded, &readings.recordings).unwrap_or(folded);
-    let raw = folded.drive.raw();
-    let mut later_s = raw.motor_encoder_delay_s.and(raw.stage_encoder_delay_s).is_none().then_some(0.0);
-    let as_stated = balance_of(&folded, readings, options, (later_s, false))?;
-    let mut open = as_stated.numbers().contains(&number::Number::EncoderTiming);
-    let (mut axis, mut balance, mut known) = (folded.clone(), as_stated, Known::default());
-    let mut own = work.half();
-    for _ in 0..subject::PASSES {
-        if !std::mem::take(&mut open) {
-            break;
-        }
-        let start = known.beside(&balance, start_of([stated, &axis], &balance).0);
-        let numbers = subject::Drive::of_numbers(&balance);
-        let found = select(&numbers, start, Reach::default(), &mut own, &|_, _| {});
-        known.standing = Some(found.model.now);
-        known.rounds.extend(found.rounds.into_iter().filter(|round| round.accepted));
-        let usual_s = Criteria::STANDARD.timing_deviation / balance.signals.rate_hz;
-        let Some((more_s, deviation_s, at_bound)) = found.model.stage_is_later_s() else { break };
-        if more_s.abs() < Z95 * usual_s.hypot(deviation_s) {
-            break;
-        }
-        let total_s = later_s.unwrap_or(0.0) + more_s;
-        (later_s, open) = (Some(total_s), at_bound);
-        axis = given::read_later(&folded, total_s);
-        balance = balance_of(&axis, readings, options, (later_s, false))?;
-    }
-    work.take_over([&own, &Work::new(0)]);
-    if open {
-        let as_stated = balance_of(&folded, readings, options, (Some(0.0), false))?;
-        return Ok((folded, as_stated, Known::default()));
-    }
-    Ok((axis, balance, known))
 }
