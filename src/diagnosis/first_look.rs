@@ -105,8 +105,8 @@ impl<'a> Look<'a> {
             && self.stage_m.as_ref().is_none_or(|x| still(x, d.stage_encoder_resolution_m()))
     }
 
-    /// Of both encoders, where they have one form: the stretch, as the thrust has it, aside. What is left of
-    /// the motor's travel counts whole, since it is no noise.
+    /// Of both encoders, where they have one form: the stretch, as thrust, friction and play have it, aside.
+    /// What is left of the motor's travel counts whole, since it is no noise.
     fn travel(&self) -> Option<Travel> {
         let stage_m = self.stage_m.as_ref()?;
         let (c, d) = (&Criteria::STANDARD, &self.axis.drive);
@@ -123,7 +123,19 @@ impl<'a> Look<'a> {
             let share = along(of, by);
             of.iter().zip(by).map(|(of, by)| of - share * by).collect()
         };
-        let [motor, stage] = [&self.motor_m, stage_m].map(|x| without(x, &self.thrust_n));
+        let velocity = about_mean((0..stage_m.len()).map(|k| slope(stage_m, k)).collect());
+        let [mut motor, mut stage] = [self.motor_m.clone(), stage_m.clone()];
+        let mut stretched: Vec<Vec<f64>> = Vec::new();
+        let either_m = step_m.max(c.still_steps * d.stage_encoder_resolution_m());
+        for by in [self.thrust_n.clone(), direction(stage_m, either_m), velocity] {
+            let by = stretched.iter().fold(by, |by, other| without(&by, other));
+            (motor, stage) = (without(&motor, &by), without(&stage, &by));
+            stretched.push(by);
+        }
+        // Strokes of one form are all friction and inertia.
+        if span(&motor) < least_m && span(&stage) < least_m {
+            return None;
+        }
         let ratio = along(&motor, &stage);
         let left = without(&motor, &stage);
         let told = dot(&left, &left) <= c.travel_off * dot(&motor, &motor);
@@ -187,6 +199,23 @@ fn blocks(x: &[f64], block: usize) -> Vec<f64> {
     let origin = x.first().copied().unwrap_or(0.0);
     let mean = |b: &[f64]| b.iter().map(|v| v - origin).sum::<f64>() / b.len() as f64;
     about_mean(x.chunks_exact(block).map(mean).collect())
+}
+
+/// Half the difference of both neighbours.
+fn slope(x: &[f64], k: usize) -> f64 {
+    0.5 * (x[(k + 1).min(x.len() - 1)] - x[k.saturating_sub(1)])
+}
+
+/// The direction of the last way of at least that much, about its mean.
+fn direction(x: &[f64], least_m: f64) -> Vec<f64> {
+    let (mut from, mut last) = (x.first().copied().unwrap_or(0.0), 0.0);
+    let of = |x: &f64| {
+        if (x - from).abs() > least_m {
+            (from, last) = (*x, (x - from).signum());
+        }
+        last
+    };
+    about_mean(x.iter().map(of).collect())
 }
 
 fn about_mean(x: Vec<f64>) -> Vec<f64> {
