@@ -564,6 +564,43 @@ fn encoders_that_nobody_says_are_read_apart_are_told_and_no_damping_is() {
     assert_written(&d);
 }
 
+/// Beside a loop that nobody states the first fit of the encoders' times asks for a fifth of what they are
+/// apart, and each one after it for as little.
+#[test]
+fn encoders_are_put_together_beside_a_dead_time_and_a_loop_that_nobody_states() {
+    let (machine, recordings) = healthy(&super::conceal::model(), 12);
+    let raw = machine.axes[0].drive.raw().clone();
+    let apart_s = 9.0e-5;
+    let late: Vec<Recording> = recordings.iter().map(|r| stage_later(r, apart_s)).collect();
+    let unsaid = restated(&machine, |raw| {
+        (raw.motor_encoder_delay_s, raw.stage_encoder_delay_s) = (None, None);
+        (raw.amplifier_dead_time_s, raw.current_loop_bandwidth_rad_s) = (None, None);
+    });
+    let d = diagnose(&unsaid, &late, &|_, _| {}).unwrap();
+    let names: Vec<_> = d.findings.iter().map(|f| f.effect.name()).collect();
+    let size =
+        |name: &str| d.findings.iter().find(|f| f.effect.name() == name).map(|f| f.parameters[0].value);
+    assert_eq!(names.len(), 2, "{names:?}");
+    let loop_rad_s = raw.current_loop_bandwidth_rad_s.unwrap();
+    assert!((size("current_loop_lag").unwrap() / loop_rad_s - 1.0).abs() < 0.1, "{names:?}");
+    let true_s =
+        apart_s + raw.stage_encoder_delay_s.unwrap_or(0.0) - raw.motor_encoder_delay_s.unwrap_or(0.0);
+    let told = d.parameter_corrections.iter().find(|c| c.name == "stage_encoder_delay_s").unwrap();
+    assert!((told.value - true_s).abs() < 5.0e-6, "{told:?}, true {true_s}");
+}
+
+/// A dead time explains most of it, and what it leaves is as much as nine tenths of the answers need.
+#[test]
+fn a_loop_slower_than_stated_by_a_fifth_is_no_dead_time() {
+    let (machine, recordings) = healthy(&super::conceal::model(), 12);
+    let true_rad_s = machine.axes[0].drive.current_loop_bandwidth_rad_s().unwrap();
+    let stated = restated(&machine, |raw| raw.current_loop_bandwidth_rad_s = Some(1.24 * true_rad_s));
+    let d = diagnose(&stated, &recordings, &|_, _| {}).unwrap();
+    let [finding] = &d.findings[..] else { panic!("{:?} {:?}", d.verdict, d.findings) };
+    assert_eq!(finding.effect.name(), "current_loop_lag");
+    assert!((finding.parameters[0].value / true_rad_s - 1.0).abs() < 0.02, "{:?}", finding.parameters);
+}
+
 /// The stage's position as an encoder has it that is read later, by cubic interpolation.
 fn stage_later(recording: &Recording, by_s: f64) -> Recording {
     let mut late = recording.clone();
@@ -642,7 +679,11 @@ fn an_encoder_that_reads_wrong_is_told_by_the_other_where_the_axis_is_one_mass()
     assert!((amplitude.ci95[0]..amplitude.ci95[1]).contains(&1.3e-8), "{amplitude:?}");
     let most_m = finding.contribution.iter().flat_map(|c| &c.value).fold(0.0_f64, |m, v| m.max(v.abs()));
     assert!((1.2e-8..1.5e-8).contains(&most_m), "{most_m:e}");
-    assert_eq!(d.location.as_ref().unwrap().port.name(), "stage_encoder");
+    // The balance is of the motor's position: nothing of it changes, and the error is seen above its band.
+    assert_eq!(finding.fit.heldout_rms_before_n, finding.fit.heldout_rms_after_n);
+    let location = d.location.as_ref().unwrap();
+    assert_eq!(location.port.name(), "stage_encoder");
+    assert!(location.bands_hz[0][0] > d.residual_band_hz[1], "{:?}", location.bands_hz);
     assert!(d.notes.iter().any(|n| n.contains("both encoders differ")), "{:?}", d.notes);
     // The model that is written says it, and then nothing is missing.
     let again = diagnose(&d.model, &recordings, &|_, _| {}).unwrap();

@@ -120,10 +120,12 @@ impl Case<'_> {
         let nothing_told = found.is_empty() && told_wrong.is_empty();
         let drives = self.drives(&state, (&design, &beta), nothing_told);
         let undivided = undivided(balance, &state, &unsaid).filter(|_| !as_stated);
-        let is_left = left.is_left(self.stated_rest_n) || drives.is_unsaid() || undivided.is_some();
+        let outweighed = !as_stated && found.iter().any(|f| self.is_outweighed(f));
+        let not_named = drives.is_unsaid() || undivided.is_some() || outweighed;
+        let is_left = left.is_left(self.stated_rest_n) || not_named;
         let share = explained_share([&before, &left], Criteria::STANDARD.repeatability * drives.thrust_n);
         let explains = !is_left || share > Criteria::STANDARD.named_share;
-        let named = !found.is_empty() && explains && drives.are_said_by(&found);
+        let named = !found.is_empty() && explains && drives.are_said_by(&found) && !outweighed;
         let bent = self.out_of_budget && found.is_empty() && !told_wrong.is_empty();
         let unexplained = is_left && !named || bent;
         let corrections = if unexplained { Vec::new() } else { told_wrong.clone() };
@@ -139,9 +141,7 @@ impl Case<'_> {
         let findings = self.findings(asserted, (&state, &unsaid), &left);
         let said = (&findings[..], &corrections[..]);
         let model = self.model(verdict, (of, &settled), said, (&left, is_left));
-        let written = (&state, &numbers::with_none(balance, &state, &unsaid, &beta)[..]);
-        let series = residuals(balance, (self.start, &stated_beta(balance, self.start)), written)
-            .with(&self.error_forces(self.start));
+        let series = self.series(&state, &numbers::with_none(balance, &state, &unsaid, &beta));
         let axes = [
             self.stated.clone(),
             self.recalibrated(&state, &doubt, &told_wrong),
@@ -199,6 +199,13 @@ impl Case<'_> {
             }
         }
         self.left_n(state, (design, &loads))
+    }
+
+    /// What the stated model leaves, and a state with the coefficients that are written.
+    fn series(&self, state: &State, written: &[f64]) -> Residuals {
+        let stated = stated_beta(self.balance, self.start);
+        let series = residuals(self.balance, (self.start, &stated), (state, written));
+        series.with(&self.error_forces(self.start))
     }
 
     /// What coefficients leave of the thrust at the motor, root mean square, N.
@@ -273,7 +280,10 @@ impl Case<'_> {
         let is_late = state.now.found_delay && extra_s > Z95 * doubt.path[0].hypot(within_s);
         let late = Delay { extra_s, early: false };
         let delay = is_late.then(|| found(late.into(), doubt.path[0] / extra_s, Named::Delay));
-        let bandwidth = state.now.path.loop_rad_s.filter(|_| state.now.found_loop);
+        // What was a loop before the encoders were put together may be the one that is stated.
+        let stated_rad_s = balance.drive.current_loop_bandwidth_rad_s().unwrap_or(f64::INFINITY);
+        let is_slow = |rad_s: &f64| (stated_rad_s / rad_s).ln() > Z95 * doubt.path[1];
+        let bandwidth = state.now.path.loop_rad_s.filter(|_| state.now.found_loop).filter(is_slow);
         let lag = |rad_s| found(CurrentLoop { rad_s, in_place: false }.into(), doubt.path[1], Named::Loop);
         delay.into_iter().chain(bandwidth.map(lag)).collect()
     }
@@ -285,6 +295,24 @@ impl Case<'_> {
         let mut rounds = self.known.iter().chain(self.rounds);
         let round = rounds.find(|r| r.accepted && is_of(&r.fitted[0]));
         round.map_or(&[], |r| &r.fitted)
+    }
+
+    /// True where, beside what was asked with a law, something else had a constant at a bound and still says
+    /// more at the end than the law ever did: that stood in for what no law tells.
+    fn is_outweighed(&self, found: &Found) -> bool {
+        if !matches!(found.named, Named::Law(_) | Named::Delay | Named::Loop) {
+            return false;
+        }
+        let held = |f: &&Fitted<Hypothesis, State>| f.hypothesis.is_at_bound();
+        let last = self.rounds.last().filter(|round| !round.accepted).map_or(&[][..], |round| &round.fitted);
+        let at_end = |f: &Fitted<Hypothesis, State>| {
+            let same = |l: &&Fitted<Hypothesis, State>| {
+                (l.hypothesis.effect, l.hypothesis.port) == (f.hypothesis.effect, f.hypothesis.port)
+            };
+            last.iter().filter(held).find(same).map(|l| l.evidence_nats)
+        };
+        let asked_with = self.round_of(found.term.effect, found.term.port).iter().filter(held);
+        asked_with.filter_map(at_end).any(|nats| nats > found.evidence_nats)
     }
 
     /// Evidence and level with which a law was taken up.
@@ -397,8 +425,14 @@ impl Case<'_> {
         // Where the answer is wrong without the finding alone.
         let (shown, of) = match named {
             None => (left.clone(), state.clone()),
+            Some(Named::Steps(port) | Named::Error(port)) if !self.balance.signals.balances(port) => {
+                return first.map(|finding| self.above_balance(finding));
+            }
             Some(Named::Steps(_)) => (rest(self.balance, self.start), self.start.clone()),
-            Some(Named::Error(port)) => (self.rest_of_error(port, state, left), state.clone()),
+            Some(Named::Error(_)) => {
+                let shown = self.as_read(state, &state.base.fit.beta);
+                (shown.unwrap_or_else(|| left.clone()), state.clone())
+            }
             Some(_) => {
                 let (others, design, beta) = fit_taken_out(self.balance, state, named, &[]);
                 (rest_of(self.balance, &others, (&design, &beta)), others)

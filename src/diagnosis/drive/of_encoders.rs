@@ -9,11 +9,12 @@ use super::numbers::{fit_without, with_none};
 use super::recorded::position_at;
 use super::rest::{Rest, rest_of};
 use super::series::of_recording;
+use super::signals::Track;
 use super::state::{Number, State};
-use super::words::{term_of, told};
+use super::words::{specification, term_of, told};
 use crate::diagnosis::criteria::Criteria;
 use crate::diagnosis::encoder_noise::variance_m2;
-use crate::diagnosis::result::Estimate;
+use crate::diagnosis::result::{Estimate, Finding, Location, TimeSpans};
 use crate::diagnosis::steps::{coarser_step, stated_step_m};
 use crate::plant::effects::encoder_quantization::STEP;
 use crate::plant::effects::{EffectKind, PhysicsTerm, Port};
@@ -31,13 +32,20 @@ impl Case<'_> {
         told(&error.law.hypothesis, &state.told(self.balance, &error.law, &error.deviations))
     }
 
-    /// What is left of the recordings as they came, where an encoder reads wrong: of one whose position is not
-    /// balanced that is seen above the band alone.
-    pub(super) fn rest_of_error(&self, encoder: Port, state: &State, left: &Rest) -> Rest {
+    /// Where an encoder is off whose position is not balanced: above the balance, all of the time.
+    pub(super) fn above_balance(&self, finding: &Finding) -> Location {
         let s = &self.balance.signals;
-        let above = || Rest { band_hz: [self.above_hz(), 0.5 * s.rate_hz], shares: None, ..left.clone() };
-        let balanced = s.balances(encoder).then(|| self.as_read(state, &state.base.fit.beta)).flatten();
-        balanced.unwrap_or_else(above)
+        let whole = |(recording, track): (usize, &Track)| {
+            let end_s = track.start_s + track.samples as f64 / track.rate_hz;
+            TimeSpans { recording, spans_s: vec![[track.start_s, end_s]] }
+        };
+        Location {
+            port: finding.port,
+            domain: specification(finding.effect).domain,
+            bands_hz: vec![[self.above_hz().max(s.top_hz()), 0.5 * s.rate_hz]],
+            time: s.tracks.iter().enumerate().map(whole).collect(),
+            shares: None,
+        }
     }
 
     /// From where on both encoders read one motion, Hz.
