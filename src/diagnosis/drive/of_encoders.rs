@@ -100,7 +100,8 @@ impl Case<'_> {
         as_read.unwrap_or_else(|| rest_of(self.balance, self.start, (&design, &beta)))
     }
 
-    /// What these coefficients leave of the recordings as they came; `None`: no balanced position is read wrong.
+    /// What these coefficients leave of the recordings as they came; `None`: no balanced position is read
+    /// wrong.
     pub(super) fn as_read(&self, state: &State, beta: &[f64]) -> Option<Rest> {
         self.balanced_errors().next()?;
         let mut with = state.clone();

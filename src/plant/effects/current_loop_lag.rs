@@ -3,7 +3,8 @@
 use super::torsional_mode::SWEEP;
 use super::{EffectKind, Parameter, Specification};
 
-/// Of a lag of first order. A drive closes its current loop within some milliseconds: what is slower is an axis.
+/// Of a lag of first order. A drive closes its current loop within some milliseconds: what is slower is an
+/// axis.
 pub const BANDWIDTH: Parameter = Parameter::constant("bandwidth_rad_s", "rad/s", [100.0, 1e6]);
 
 /// The effect.
