@@ -130,11 +130,11 @@ fn intervals_of_mass_and_frictions_hold_over_many_logs() {
 /// told the same number once more.
 #[test]
 fn the_model_that_is_written_holds_every_number_that_is_told_to_be_wrong() {
-    let d = ask(log_beside(3, 30.0));
-    let wide = |c: &Correction| c.ci95[1] - c.ci95[0] > 0.05 * c.value;
+    let d = ask(log_beside(5, 45.0));
+    let wide = |c: &Correction| c.ci95[1] - c.ci95[0] > 0.2 * c.value;
     assert!(d.parameter_corrections.iter().any(wide), "{:?}", d.parameter_corrections);
     assert_written(&d);
-    let again = diagnose(&d.model, &[log_beside(2, 30.0)], &|_, _| {}).unwrap();
+    let again = diagnose(&d.model, &[log_beside(2, 45.0)], &|_, _| {}).unwrap();
     assert!(again.parameter_corrections.is_empty(), "{:?}", again.parameter_corrections);
 }
 
