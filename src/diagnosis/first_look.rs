@@ -6,6 +6,7 @@ use super::criteria::{Criteria, Z95};
 use super::cuts::Mask;
 use super::drive::recorded::{is_locked, position, span, thrust};
 use super::{Correction, DiagnoseError};
+use crate::plant::effects::backlash::play;
 use crate::plant::machine::AxisModel;
 use crate::sample::Recording;
 use crate::signal::inner_products::dot;
@@ -126,8 +127,8 @@ impl<'a> Look<'a> {
         let velocity = about_mean((0..stage_m.len()).map(|k| slope(stage_m, k)).collect());
         let [mut motor, mut stage] = [self.motor_m.clone(), stage_m.clone()];
         let mut stretched: Vec<Vec<f64>> = Vec::new();
-        let either_m = step_m.max(c.still_steps * d.stage_encoder_resolution_m());
-        for by in [self.thrust_n.clone(), direction(stage_m, either_m), velocity] {
+        let way_m = c.slides_m.max(step_m).max(c.still_steps * d.stage_encoder_resolution_m());
+        for by in [self.thrust_n.clone(), about_mean(play(stage_m, 0.0, way_m)), velocity] {
             let by = stretched.iter().fold(by, |by, other| without(&by, other));
             (motor, stage) = (without(&motor, &by), without(&stage, &by));
             stretched.push(by);
@@ -204,18 +205,6 @@ fn blocks(x: &[f64], block: usize) -> Vec<f64> {
 /// Half the difference of both neighbours.
 fn slope(x: &[f64], k: usize) -> f64 {
     0.5 * (x[(k + 1).min(x.len() - 1)] - x[k.saturating_sub(1)])
-}
-
-/// The direction of the last way of at least that much, about its mean.
-fn direction(x: &[f64], least_m: f64) -> Vec<f64> {
-    let (mut from, mut last) = (x.first().copied().unwrap_or(0.0), 0.0);
-    let of = |x: &f64| {
-        if (x - from).abs() > least_m {
-            (from, last) = (*x, (x - from).signum());
-        }
-        last
-    };
-    about_mean(x.iter().map(of).collect())
 }
 
 fn about_mean(x: Vec<f64>) -> Vec<f64> {

@@ -547,15 +547,20 @@ fn a_rigid_axis_warms_up_by_the_time_since_its_recording_began() {
     assert_eq!(said[0], said[1]);
 }
 
+/// What is told of a healthy axis whose scale is read that much later than stated, by a model that leaves
+/// something out; its numbers before.
+fn told_of_apart(apart_s: f64, leave_out: impl Fn(&mut RawDriveParams)) -> (RawDriveParams, Diagnosis) {
+    let (machine, recordings) = healthy(&super::conceal::model(), 12);
+    let late: Vec<Recording> = recordings.iter().map(|r| stage_later(r, apart_s)).collect();
+    let told = diagnose(&restated(&machine, leave_out), &late, &|_, _| {}).unwrap();
+    (machine.axes[0].drive.raw().clone(), told)
+}
+
 /// By the first order a late encoder is damping: of the motor's side less, of the stage's more.
 #[test]
 fn encoders_that_nobody_says_are_read_apart_are_told_and_no_damping_is() {
-    let (machine, recordings) = healthy(&super::conceal::model(), 12);
-    let raw = machine.axes[0].drive.raw().clone();
     let apart_s = 6.0e-5;
-    let late: Vec<Recording> = recordings.iter().map(|r| stage_later(r, apart_s)).collect();
-    let unsaid = restated(&machine, |raw| raw.stage_encoder_delay_s = None);
-    let d = diagnose(&unsaid, &late, &|_, _| {}).unwrap();
+    let (raw, d) = told_of_apart(apart_s, |raw| raw.stage_encoder_delay_s = None);
     assert!(d.findings.is_empty(), "{:?}", d.findings.iter().map(|f| &f.statement).collect::<Vec<_>>());
     let told = &d.parameter_corrections;
     let true_s = apart_s + raw.stage_encoder_delay_s.unwrap_or(0.0);
@@ -568,21 +573,20 @@ fn encoders_that_nobody_says_are_read_apart_are_told_and_no_damping_is() {
 /// apart, and each one after it for as little.
 #[test]
 fn encoders_are_put_together_beside_a_dead_time_and_a_loop_that_nobody_states() {
-    let (machine, recordings) = healthy(&super::conceal::model(), 12);
-    let raw = machine.axes[0].drive.raw().clone();
     let apart_s = 9.0e-5;
-    let late: Vec<Recording> = recordings.iter().map(|r| stage_later(r, apart_s)).collect();
-    let unsaid = restated(&machine, |raw| {
+    let (raw, d) = told_of_apart(apart_s, |raw| {
         (raw.motor_encoder_delay_s, raw.stage_encoder_delay_s) = (None, None);
         (raw.amplifier_dead_time_s, raw.current_loop_bandwidth_rad_s) = (None, None);
     });
-    let d = diagnose(&unsaid, &late, &|_, _| {}).unwrap();
     let names: Vec<_> = d.findings.iter().map(|f| f.effect.name()).collect();
     let size =
         |name: &str| d.findings.iter().find(|f| f.effect.name() == name).map(|f| f.parameters[0].value);
     assert_eq!(names.len(), 2, "{names:?}");
     let loop_rad_s = raw.current_loop_bandwidth_rad_s.unwrap();
     assert!((size("current_loop_lag").unwrap() / loop_rad_s - 1.0).abs() < 0.1, "{names:?}");
+    // Of a motor whose time nobody states the thrust is later by that, too.
+    let late_s = raw.amplifier_dead_time_s.unwrap() + raw.motor_encoder_delay_s.unwrap();
+    assert!((size("dead_time").unwrap() - late_s).abs() < 3.0e-5, "{:?}", size("dead_time"));
     let true_s =
         apart_s + raw.stage_encoder_delay_s.unwrap_or(0.0) - raw.motor_encoder_delay_s.unwrap_or(0.0);
     let told = d.parameter_corrections.iter().find(|c| c.name == "stage_encoder_delay_s").unwrap();

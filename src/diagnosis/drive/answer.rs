@@ -297,22 +297,23 @@ impl Case<'_> {
         round.map_or(&[], |r| &r.fitted)
     }
 
+    /// What was fitted last and not taken up.
+    pub(super) fn asked_in_vain(&self) -> &[Fitted<Hypothesis, State>] {
+        self.rounds.last().filter(|round| !round.accepted).map_or(&[][..], |round| &round.fitted)
+    }
+
     /// True where, beside what was asked with a law, something else had a constant at a bound and still says
     /// more at the end than the law ever did: that stood in for what no law tells.
     fn is_outweighed(&self, found: &Found) -> bool {
         if !matches!(found.named, Named::Law(_) | Named::Delay | Named::Loop) {
             return false;
         }
+        let named = |f: &Fitted<Hypothesis, State>| (f.hypothesis.effect, f.hypothesis.port);
         let held = |f: &&Fitted<Hypothesis, State>| f.hypothesis.is_at_bound();
-        let last = self.rounds.last().filter(|round| !round.accepted).map_or(&[][..], |round| &round.fitted);
-        let at_end = |f: &Fitted<Hypothesis, State>| {
-            let same = |l: &&Fitted<Hypothesis, State>| {
-                (l.hypothesis.effect, l.hypothesis.port) == (f.hypothesis.effect, f.hypothesis.port)
-            };
-            last.iter().filter(held).find(same).map(|l| l.evidence_nats)
-        };
-        let asked_with = self.round_of(found.term.effect, found.term.port).iter().filter(held);
-        asked_with.filter_map(at_end).any(|nats| nats > found.evidence_nats)
+        let asked_with = self.round_of(found.term.effect, found.term.port);
+        let still =
+            self.asked_in_vain().iter().filter(held).filter(|f| f.evidence_nats > found.evidence_nats);
+        still.map(named).any(|still| asked_with.iter().filter(held).any(|f| named(f) == still))
     }
 
     /// Evidence and level with which a law was taken up.

@@ -103,10 +103,10 @@ impl Case<'_> {
             reason: CandidateReason::StandsBeside,
         });
         let mut list: Vec<Candidate> = stands.filter(|_| !asserted).collect();
-        let last = self.rounds.last().filter(|r| !r.accepted).map_or(&[][..], |r| &r.fitted);
         let dropped = self.rounds.iter().filter(|r| r.accepted).filter_map(|r| r.fitted.first());
         let is_law = |h: &Hypothesis| !h.facts().is_number && h.law().fault(&[0.0; 2], 0).is_none();
-        for (f, was_taken) in last
+        for (f, was_taken) in self
+            .asked_in_vain()
             .iter()
             .map(|f| (f, false))
             .chain(dropped.map(|f| (f, true)))

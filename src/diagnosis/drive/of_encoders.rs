@@ -35,10 +35,8 @@ impl Case<'_> {
     /// Where an encoder is off whose position is not balanced: above the balance, all of the time.
     pub(super) fn above_balance(&self, finding: &Finding) -> Location {
         let s = &self.balance.signals;
-        let whole = |(recording, track): (usize, &Track)| {
-            let end_s = track.start_s + track.samples as f64 / track.rate_hz;
-            TimeSpans { recording, spans_s: vec![[track.start_s, end_s]] }
-        };
+        let whole =
+            |(recording, track): (usize, &Track)| TimeSpans { recording, spans_s: vec![track.span_s()] };
         Location {
             port: finding.port,
             domain: specification(finding.effect).domain,

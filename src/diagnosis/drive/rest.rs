@@ -337,7 +337,7 @@ pub(super) fn spans_s(
     let left = residual(balance, state.base.fitted());
     let track = &balance.signals.tracks[recording];
     let step = balance.signals.step;
-    let whole = [track.start_s, track.start_s + track.samples as f64 / track.rate_hz];
+    let whole = track.span_s();
     let mut powers: Vec<(usize, f64)> = Vec::new();
     let last = ((band_hz[1] / balance.plan.bin_hz) as usize + 1).max(1);
     for spectrum in left.sides.iter().flatten() {

@@ -482,6 +482,11 @@ impl Track {
         self.masked.iter().zip(&self.rests).map(|(masked, rests)| !masked && !rests).collect()
     }
 
+    /// From its first to behind its last sample, s.
+    pub(super) fn span_s(&self) -> [f64; 2] {
+        [self.start_s, self.start_s + self.samples as f64 / self.rate_hz]
+    }
+
     /// Number of thinned samples.
     pub(super) fn thin_count(&self) -> usize {
         self.thin.position.len()
