@@ -37,6 +37,8 @@ struct Machine {
     sensor_n: f64,
     /// Tools toward the chuck.
     travel_m_s: f64,
+    /// Speed of the bar at which the flanks rub twice as hard.
+    rubs_m_s: f64,
 }
 
 const MACHINE: Machine = Machine {
@@ -50,6 +52,7 @@ const MACHINE: Machine = Machine {
     random: 0.035,
     sensor_n: 0.5,
     travel_m_s: 0.0,
+    rubs_m_s: f64::INFINITY,
 };
 
 /// Square of a cantilever's first mode shape at a share of its length, 1 at the end.
@@ -58,13 +61,15 @@ fn gain(share: f64) -> f64 {
     ((x.cosh() - x.cos() - 0.734_095_514 * (x.sinh() - x.sin())) / 2.0).powi(2)
 }
 
-/// The bar at the tools and what it left in the past.
+/// The bar at the tools and the surface that each of them left, from its own side.
 struct Cut {
     machine: Machine,
     /// Of the bar at the tools, over that at its end.
     gain: f64,
     state: [f64; 2],
-    past_m: Vec<f64>,
+    left_m: [Vec<f64>; 2],
+    /// Tools never leave the cut.
+    linear: bool,
     at: usize,
     random: Random,
     shake: [f64; 2],
@@ -73,29 +78,37 @@ struct Cut {
 impl Cut {
     fn new(machine: Machine, seed: u64) -> Self {
         let turn = (60.0 / machine.rpm * RATE_HZ * FINE as f64) as usize;
-        let past_m = vec![0.0; turn + 8];
+        let left_m = [vec![0.0; turn + 8], vec![0.0; turn + 8]];
         let random = Random::new(seed);
-        Self { machine, gain: 1.0, state: [0.0; 2], past_m, at: 0, random, shake: [0.0; 2] }
+        Self { machine, gain: 1.0, state: [0.0; 2], left_m, linear: false, at: 0, random, shake: [0.0; 2] }
     }
 
-    /// Where the bar was `back` fine steps ago, on a straight line between steps.
-    fn past(&self, back: f64) -> f64 {
+    /// What a tool left `back` fine steps ago, on a straight line between steps.
+    fn left(&self, tool: usize, back: f64) -> f64 {
         let (whole, share) = (back.floor() as usize, back.fract());
-        let get = |k: usize| self.past_m[(self.at + self.past_m.len() - k) % self.past_m.len()];
+        let left_m = &self.left_m[tool];
+        let get = |k: usize| left_m[(self.at + left_m.len() - k) % left_m.len()];
         get(whole) * (1.0 - share) + get(whole + 1) * share
+    }
+
+    /// Chips of both tools with the bar at `x`: each cuts what the other left.
+    fn chips(&self, x: f64, pitch_rad: f64) -> [f64; 2] {
+        let per_rad = 60.0 / self.machine.rpm / TAU * RATE_HZ * FINE as f64;
+        let (turn_1, turn_2) = (PI - pitch_rad / 2.0, PI + pitch_rad / 2.0);
+        let chip_1 = FEED_M * turn_2 / TAU + x + self.left(1, turn_2 * per_rad);
+        let chip_2 = FEED_M * turn_1 / TAU - x + self.left(0, turn_1 * per_rad);
+        [chip_1, chip_2]
     }
 
     /// Forces of both tools with the bar at `x`, `v`.
     fn forces(&self, [x, v]: [f64; 2], [one, two]: [f64; 2], pitch_rad: f64) -> [f64; 2] {
         let m = &self.machine;
-        let per_rad = 60.0 / m.rpm / TAU * RATE_HZ * FINE as f64;
-        let (turn_1, turn_2) = (PI - pitch_rad / 2.0, PI + pitch_rad / 2.0);
-        let chip_1 = FEED_M * turn_2 / TAU + x + self.past(turn_2 * per_rad);
-        let chip_2 = FEED_M * turn_1 / TAU - x - self.past(turn_1 * per_rad);
+        let [chip_1, chip_2] = self.chips(x, pitch_rad);
         let surface = PI * m.diameter_m * m.rpm / 60.0;
         let side = |chip: f64, speed: f64, shake: f64| {
             let force = m.stiffness_pa * WIDTH_M * chip * (1.0 + m.random * shake);
-            if chip > 0.0 { (force + m.flank_n * speed / surface).max(0.0) } else { 0.0 }
+            let flank = m.flank_n * speed / surface * (1.0 + (speed / m.rubs_m_s).powi(2));
+            if chip > 0.0 { (force + flank).max(0.0) } else { 0.0 }
         };
         [side(chip_1, v, one), side(chip_2, -v, two)]
     }
@@ -133,8 +146,12 @@ impl Cut {
             }
             let next = [0, 1].map(|i| s[i] + step_s / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i]));
             self.state = next;
-            self.at = (self.at + 1) % self.past_m.len();
-            self.past_m[self.at] = self.state[0];
+            // A tool that is out of the cut leaves what was there.
+            let x = self.state[0];
+            let gap =
+                self.chips(x, pitch_rad).map(|chip| if in_cut && !self.linear { chip.min(0.0) } else { 0.0 });
+            self.at = (self.at + 1) % self.left_m[0].len();
+            (self.left_m[0][self.at], self.left_m[1][self.at]) = (gap[0] - x, gap[1] + x);
         }
         told
     }
@@ -147,7 +164,7 @@ fn ring_down_1_s(machine: Machine, pitch_rad: f64) -> f64 {
 
 /// The same where the bar has this gain.
 fn ring_down_at_1_s(machine: Machine, pitch_rad: f64, gain: f64) -> f64 {
-    let mut cut = Cut { gain, ..Cut::new(Machine { random: 0.0, ..machine }, 1) };
+    let mut cut = Cut { gain, linear: true, ..Cut::new(Machine { random: 0.0, ..machine }, 1) };
     let power = |cut: &mut Cut, seconds: f64| -> f64 {
         let samples = (seconds * RATE_HZ) as usize;
         let values: Vec<f64> = (0..samples).map(|_| cut.step(pitch_rad, true)).collect();
@@ -271,6 +288,31 @@ fn the_margin_is_the_decay_of_the_vibration() {
     // The contract asks for 85 of 100 right, the interval is one of 95 %. Readings of one stream are one answer:
     // 32 answers lie within two deviations of that, 6 and 4 of 100 each.
     assert!(right * 100 >= 73 * count && held * 100 >= 87 * count, "{right} right, {held} held of {count}");
+}
+
+/// Eight seconds of chatter, then a pitch at which the cut is stable: a limit cycle is not the answer of a linear
+/// cut to its random force, and what would be learned of it would be held for long.
+#[test]
+fn chatter_teaches_nothing() {
+    const QUIET_RAD: f64 = 0.1;
+    // Flanks that rub keep the tools in the cut.
+    let machine = Machine { rubs_m_s: 0.3, ..MACHINE };
+    let truth = ring_down_1_s(MACHINE, QUIET_RAD);
+    let (mut right, mut held, mut count) = (0, 0, 0);
+    for seed in SEEDS.take(6) {
+        let pitch = |t_s: f64| if (6.0..14.0).contains(&t_s) { UNSTABLE_RAD } else { QUIET_RAD };
+        let told = told(&seeded(seed, machine, 24, pitch));
+        // Where the alarm stands on it is deaf, which is no answer.
+        for margin in told.readings[18..].iter().filter_map(MarginReading::margin) {
+            count += 1;
+            right += usize::from((margin.margin_1_s - truth).abs() < (0.2 * truth).max(2.0));
+            held += usize::from((margin.lo_1_s..margin.hi_1_s).contains(&truth));
+        }
+        println!("{truth:.2} 1/s, at the end {:?}", told.readings.last().unwrap());
+    }
+    println!("{right} right, {held} held of {count}");
+    assert!(count >= 24, "{count} readings of 36");
+    assert!(right * 100 >= 73 * count && held * 100 >= 80 * count, "{right} right, {held} held of {count}");
 }
 
 /// 3 mm/s along a bar of 180 mm: its gain falls by a seventh within a block of two seconds.

@@ -31,11 +31,13 @@ pub(super) struct Means {
     pub(super) position_m: f64,
     pub(super) feed_m_rev: f64,
     pub(super) width_m: f64,
+    /// Share of the samples in which chatter is declared.
+    pub(super) chatter_share: f64,
     /// Samples.
     pub(super) count: f64,
 }
 
-keep!(Means { force_n, turn_s, pitch_rad, position_m, feed_m_rev, width_m, count });
+keep!(Means { force_n, turn_s, pitch_rad, position_m, feed_m_rev, width_m, chatter_share, count });
 
 impl Means {
     /// Takes a value of each in, as a sum.
@@ -46,6 +48,7 @@ impl Means {
         self.position_m += other.position_m;
         self.feed_m_rev += other.feed_m_rev;
         self.width_m += other.width_m;
+        self.chatter_share += other.chatter_share;
         self.count += other.count;
     }
 
@@ -59,6 +62,7 @@ impl Means {
             position_m: self.position_m * share,
             feed_m_rev: self.feed_m_rev * share,
             width_m: self.width_m * share,
+            chatter_share: self.chatter_share * share,
             count: self.count,
         }
     }
@@ -131,6 +135,12 @@ impl Slices {
         let at =
             |side: f64| Means { position_m: mean.position_m + side * travel_m * DEVIATION / 0.5, ..mean };
         [at(-1.0), at(1.0)]
+    }
+
+    /// Whether chatter was declared in the last block: its vibration is a limit cycle, not the answer of a
+    /// linear cut to a random force.
+    pub(super) fn chattered(&self) -> bool {
+        self.last(SLICES).any(|slice| slice.chatter_share > 0.0)
     }
 
     /// Whether the last block was cut under one condition at a line of `frequency_hz`: the delayed wave

@@ -70,6 +70,7 @@ impl CutPrior {
             position_m: told.tool_position_m.unwrap_or(self.position_m),
             feed_m_rev: told.feed_m_rev.unwrap_or(cutting.feed_m_rev),
             width_m: told.width_m.unwrap_or(cutting.width_m),
+            chatter_share: f64::from(u8::from(told.chatter)),
             count: 1.0,
         })
     }

@@ -236,6 +236,8 @@ impl MarginMonitor {
         let contradicts = |m: &Margin| state.chatters && m.lo_1_s > 0.0;
         match &state.reading {
             MarginReading::Known(margin) if contradicts(margin) => &MarginReading::Deaf(DeafReason::Chatter),
+            // Nothing will be heard of it before that ends.
+            MarginReading::Settling if state.chatters => &MarginReading::Deaf(DeafReason::Chatter),
             reading => reading,
         }
     }
@@ -391,7 +393,7 @@ impl MarginMonitor {
         let swing2 = self.band.largest_n(&state.band).powi(2) - state.air_swing_n.powi(2);
         let linear = !self.settings.pushes || swing2 < (self.criteria.linear_swing * mean_n).powi(2);
         let even = self.band.fall(&state.band) < self.criteria.fall;
-        linear && even && state.slices.steady(middle_hz, &self.criteria)
+        linear && even && !state.slices.chattered() && state.slices.steady(middle_hz, &self.criteria)
     }
 
     fn take_block(&self, state: &mut MarginState) {
