@@ -9,8 +9,9 @@ use super::work::{Told, Work};
 
 /// Rows between -3 dB of [`smooth`] and the rate: 0.26 / f_c.
 const SMOOTH_ROWS: f64 = 0.26;
-/// What a drive is held against: a constant, dry friction, a damper, inertia, a spring.
-type Row = [f64; 5];
+/// What a drive is held against: a constant, dry friction, a damper, inertia, a spring; and friction, damper,
+/// inertia and spring of another position, if any.
+type Row = [f64; 9];
 
 /// Tells delays of speeds, and moves a position or a drive column that no physics delays so.
 pub(super) fn offsets(work: &mut Work<'_>, axis: &AxisColumns) {
@@ -121,7 +122,8 @@ fn position_offset(work: &mut Work<'_>, axis: &AxisColumns) {
     }
     let drive = axis.with(Role::Drive).find(|i| !work.silent[*i]);
     let unexplained = |position: usize| {
-        let balance = Balance::new(work, &Motion::of_position(work, position), drive?, span)?;
+        let motion = Motion::of_position(work, position);
+        let balance = Balance::new(work, (&motion, None), drive?, span)?;
         let Powers { all, left, .. } = balance.powers(0);
         Some(left / all)
     };
@@ -168,7 +170,7 @@ fn half_width(work: &Work<'_>, cutoff_hz: f64) -> usize {
     (0.5 * (SMOOTH_ROWS * rate_hz / cutoff_hz - 1.0)).round().max(1.0) as usize
 }
 
-/// The drive against (x, a, v, sgn v, 1) of the motion, both in the slow band, at rows that move.
+/// The drive against a [`Row`] of the motion, both in the slow band, at rows that move.
 struct Balance {
     /// Orthonormal columns, one row each place.
     basis: Vec<Row>,
@@ -180,7 +182,14 @@ struct Balance {
 }
 
 impl Balance {
-    fn new(work: &Work<'_>, motion: &Motion, drive: usize, span: usize) -> Option<Self> {
+    /// `other`: another position of the axis. Behind a screw that winds up friction turns later than at the
+    /// motor, and the force with it: what the stage tells of that is no clock.
+    fn new(
+        work: &Work<'_>,
+        (motion, other): (&Motion, Option<usize>),
+        drive: usize,
+        span: usize,
+    ) -> Option<Self> {
         let half = half_width(work, work.criteria.slow_hz);
         let dt = work.period_s();
         let x = smooth(work.values(motion.position), half);
@@ -192,14 +201,19 @@ impl Balance {
             .step_by(apart)
             .filter(|i| !motion.rests(*i) && work.usable[i - half..i + half].iter().all(|u| *u))
             .collect();
+        let at_places = |of: &dyn Fn(usize) -> f64| places.iter().map(|i| of(*i)).collect::<Vec<f64>>();
         // Beside a spring: moved by a quarter of its period its force is friction.
-        let mut columns = [
-            places.iter().map(|_| 1.0).collect(),
-            places.iter().map(|i| v[*i].signum()).collect(),
-            places.iter().map(|i| v[*i]).collect(),
-            places.iter().map(|i| a[*i]).collect(),
-            places.iter().map(|i| x[*i]).collect(),
-        ];
+        let of_motion = |x: &[f64], v: &[f64], a: &[f64]| {
+            [at_places(&|i| v[i].signum()), at_places(&|i| v[i]), at_places(&|i| a[i]), at_places(&|i| x[i])]
+        };
+        let mut columns = vec![at_places(&|_| 1.0)];
+        columns.extend(of_motion(&x, &v, &a));
+        if let Some(other) = other {
+            let x = smooth(work.values(other), half);
+            let v = travel(&x, 1, dt);
+            columns.extend(of_motion(&x, &v, &travel(&v, 1, dt)));
+        }
+        columns.resize_with(Row::default().len(), || vec![0.0; places.len()]);
         orthonormal(&mut columns);
         let basis = (0..places.len()).map(|k| std::array::from_fn(|c| columns[c][k])).collect();
         let time_s = (places.len() * apart) as f64 * dt;
@@ -256,14 +270,27 @@ fn orthonormal(columns: &mut [Vec<f64>]) {
 }
 
 /// Rows by which the drive is late (earlier: below 0), if no physics makes it so.
+///
+/// Where another position is recorded it has to say so as well: each of them alone may take the form in which
+/// friction turns for a time.
 fn drive_offset(work: &Work<'_>, axis: &AxisColumns, drive: usize) -> Option<f64> {
     let motion = Motion::of(work, axis)?;
+    let other = axis.with(Role::Position).find(|p| *p != motion.position && !work.silent[*p]);
+    let alone = offset_beside(work, (&motion, None), drive)?;
+    match other {
+        Some(_) => offset_beside(work, (&motion, other), drive).filter(|rows| rows * alone > 0.0),
+        None => Some(alone),
+    }
+}
+
+/// The same by the motion, and another position.
+fn offset_beside(work: &Work<'_>, positions: (&Motion, Option<usize>), drive: usize) -> Option<f64> {
     let c = *work.criteria;
     let dt = work.period_s();
     let stride = work.rows_in(5e-4);
     let count = (c.delay_span_s / (stride as f64 * dt)).floor().max(3.0) as isize;
     let span = count as usize * stride;
-    let balance = Balance::new(work, &motion, drive, span)?;
+    let balance = Balance::new(work, positions, drive, span)?;
     let at = |k: isize| balance.powers(k * stride as isize);
     let all: Vec<Powers> = (-count..=count).map(at).collect();
     let now = all[count as usize];
@@ -273,11 +300,16 @@ fn drive_offset(work: &Work<'_>, axis: &AxisColumns, drive: usize) -> Option<f64
     let late_s = rows * dt;
     // Interval of the delay: where F of one number is below its quantile; zero must lie outside.
     let outside = now.left > m * (1.0 + c.delay_f / balance.independent);
-    // Springs, mounts and forces over position lead as well, and a move takes a part of them.
-    // Where friction is nearly all of the drive, as in a slow sweep, its turns tell the time.
     let gains = |share: f64| now.left - m > share * now.left && outside;
     let has_inertia = best.inertia >= c.delay_inertia * best.all;
-    let seen = gains(c.early_gain) || late_s > 0.0 && has_inertia && gains(c.delay_gain);
+    // Springs, mounts and forces over position lead as well, and a move takes a part of them. Where friction
+    // is nearly all of the drive, as in a slow sweep, its turns tell the time of what is late, but not of
+    // what is early: a force builds up before friction lets go.
+    let seen = match (has_inertia, late_s > 0.0) {
+        (true, true) => gains(c.delay_gain),
+        (true, false) | (false, true) => gains(c.early_gain),
+        (false, false) => false,
+    };
     let physics = if late_s > 0.0 { late_s <= c.late_s || rows <= c.late_rows } else { -late_s <= c.early_s };
     if !seen || physics {
         return None;

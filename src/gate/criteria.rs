@@ -88,8 +88,8 @@ pub struct Criteria {
     pub speed_delay_rows: f64,
     /// Share of what is left that a move in time must take away. Counted.
     pub delay_gain: f64,
-    /// The same where the force is early, or inertia too little: a clock explains most of it. Counted: 0.1 to
-    /// 0.41 of what springs and forces over position leave.
+    /// The same where the force is early, or inertia too little (nothing is told of both): a clock explains
+    /// most of it. Counted: 0.1 to 0.41 of what springs and forces over position leave.
     pub early_gain: f64,
     /// Quantile of F for one number at large samples, 0.1 %.
     pub delay_f: f64,

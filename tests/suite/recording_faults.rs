@@ -581,6 +581,50 @@ fn friction_alone_has_a_clock_and_a_spring_has_none() {
     assert!(!told(&|x, _| 2000.0 * x, 0));
 }
 
+/// A screw winds up before its stage slides: where the stage is recorded beside the motor the friction that turns
+/// later is no clock, in varied moves and in sines, and a clock is told beside it.
+#[test]
+fn friction_behind_a_screw_that_winds_up_has_no_clock() {
+    let told = |logged: &Logged, (wound_m, rows): (f64, usize)| {
+        let mut logged = logged.clone();
+        let x = logged.recording.get(POSITION).unwrap().to_vec();
+        let (mut between, mut last, mut stage) = (0.0_f64, x[0], Vec::new());
+        for (u, x) in values(&mut logged, THRUST).iter_mut().zip(&x) {
+            between = (between + x - last).clamp(-wound_m, wound_m);
+            last = *x;
+            *u += 3.0 * COULOMB_N * (between / wound_m);
+            stage.push(((x - between) / STEP_M).round() * STEP_M);
+        }
+        values(&mut logged, THRUST).rotate_right(rows);
+        logged.recording.columns.push(Column { name: "x_stage_position_m".into(), values: stage });
+        let gated = gate(&logged);
+        gated.faults.into_iter().find(|f| f.kind == FaultKind::ClockOffset && f.column == THRUST)
+    };
+    let swung = |hz: f64, size_m: f64| {
+        let mut logged = drive();
+        let w = std::f64::consts::TAU * hz;
+        let rows = logged.recording.len();
+        for i in 0..rows {
+            let t_s = i as f64 / RATE_HZ;
+            let (x, v) = (size_m * (w * t_s).sin(), size_m * w * (w * t_s).cos());
+            let force = -MASS_KG * w * w * x + VISCOUS_N_S_M * v + COULOMB_N * (v / 1e-3).tanh();
+            values(&mut logged, THRUST)[i] = force + 0.4 * ((i * i) as f64).sin();
+            values(&mut logged, POSITION)[i] = (x / STEP_M).round() * STEP_M;
+            values(&mut logged, SPEED)[i] = v;
+        }
+        logged
+    };
+    for logged in [drive(), swung(0.3, 0.1), swung(0.5, 0.05), swung(2.0, 0.01)] {
+        for wound_m in [2e-5, 1e-4, 5e-4] {
+            let none = told(&logged, (wound_m, 0));
+            assert!(none.is_none(), "{wound_m} m: {none:?}");
+        }
+    }
+    let late = told(&drive(), (1e-5, 6)).expect("six rows late");
+    let late_ms: f64 = late.statement.split_whitespace().find_map(|w| w.parse().ok()).unwrap();
+    assert!((late_ms - 6e3 / RATE_HZ).abs() < 1.5, "{}", late.statement);
+}
+
 /// The same of a motion of one frequency, in which a spring is a mass of the other sign.
 #[test]
 fn a_spring_that_swings_has_no_clock() {
