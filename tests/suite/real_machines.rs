@@ -3,7 +3,7 @@
 use crate::folders::{project, shared};
 use std::path::{Path, PathBuf};
 use stillcut::config::import_map::read_import_map;
-use stillcut::config::machine::read_machine;
+use stillcut::config::machine::{machine_from_text, read_machine};
 use stillcut::diagnosis::{Diagnosis, Verdict, diagnose};
 use stillcut::plant::effects::EffectKind;
 use stillcut::recording::{import, read_recording};
@@ -196,6 +196,21 @@ fn what_was_found_in_one_emps_half_is_enough_for_the_other() {
         after < 0.08 * before,
         "{before} N with nothing in the model, {after} N with what the first half taught"
     );
+}
+
+/// Three times the same torque steps, as they were commanded, of a motor that turns alone: a step of the command
+/// is no cut that begins, for the command answers to none.
+#[test]
+fn a_step_of_a_command_is_no_cut() {
+    let file = |k: usize| format!("servo_torque_steps/torque_step_neg_0p04_{k}.parquet");
+    let recordings: Option<Vec<Recording>> =
+        (1..=3).map(|k| imported("servo-torque-steps", &file(k))).collect();
+    let Some(recordings) = recordings else { return };
+    let model = "[machine]\nname = \"servo\"\nsample_rate_hz = 1000.0\n[axes.x]\nmovable_mass_kg = 0.1\n\
+                 screw_lead_m = 0.010\nrotary_inertia_kg_m2 = 1.2e-4\n";
+    let machine = machine_from_text(Path::new("servo.toml"), model).unwrap();
+    let d = diagnose(&machine, &recordings, &|_, _| {}).unwrap();
+    assert!(d.findings.iter().all(|f| f.effect != EffectKind::CuttingForce), "{:?}", d.notes);
 }
 
 /// What the publisher finds: play without preload, less of it with.

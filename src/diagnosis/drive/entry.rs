@@ -29,6 +29,9 @@ pub(super) struct Entered {
 pub(super) fn entered(balance: &Balance, state: &State, work: &mut Work) -> Option<Entered> {
     let spindle_hz = balance.signals.spindle_hz()?;
     let (recording, window_s) = stretch(balance, state, spindle_hz)?;
+    if balance.signals.tracks[recording].reference.is_switched {
+        return None;
+    }
     let h = Hypothesis::new(Port::Stage, Push { recording, spindle_hz, window_s });
     let chance = work.take(1).then(|| ask(balance, state, &h, true).chance)?;
     // Friction holds any force at rest, in a short recording as well.

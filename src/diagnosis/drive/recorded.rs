@@ -1,5 +1,6 @@
 //! The columns of one axis in a recording: thrust in N, positions in m.
 
+use super::spectra::SHORTEST_BLOCK;
 use crate::diagnosis::DiagnoseError;
 use crate::diagnosis::steps::coarser_step;
 use crate::plant::effects::Port;
@@ -16,6 +17,9 @@ pub(in crate::diagnosis) struct Thrust {
     pub(in crate::diagnosis) is_current: bool,
     /// Step of the column, N; 0: none is to be seen.
     pub(in crate::diagnosis) step_n: f64,
+    /// A command that changes less often than the shortest block has samples: it is switched, and answers to
+    /// nothing that acts on the axis, so that nothing can be told from when it changes.
+    pub(in crate::diagnosis) is_switched: bool,
 }
 
 /// What a force may be recorded as.
@@ -45,6 +49,7 @@ pub(in crate::diagnosis) fn thrust(axis: &AxisModel, recording: &Recording) -> R
         per_unit,
         is_current: kind == 2,
         step_n: per_unit * coarser_step(values, least).unwrap_or(0.0),
+        is_switched: values.windows(2).filter(|w| w[0] != w[1]).take(SHORTEST_BLOCK).count() < SHORTEST_BLOCK,
     })
 }
 

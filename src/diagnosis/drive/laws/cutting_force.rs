@@ -115,13 +115,14 @@ impl Law for Cut {
         self.hz > s.top_hz() || s.sides() == 1 && s.tracks.iter().any(|t| self.is_beat(s, t))
     }
 
-    /// Harmonics and mean in a window; every recording has columns of its own.
+    /// Harmonics and mean in a window; every recording whose thrust answers has columns of its own.
     fn columns(&self, ground: &Ground<'_>, _: Port) -> Option<Vec<TimeColumn>> {
         let Self { hz, window_s: [start_s, end_s] } = *self;
         let s = ground.signals;
         let inside = |t_s: f64| (start_s..end_s).contains(&t_s);
         let mut out = Vec::new();
-        for (r, track) in s.tracks.iter().enumerate() {
+        let answering = s.tracks.iter().enumerate().filter(|(_, track)| !track.reference.is_switched);
+        for (r, track) in answering {
             if !(0..track.thin_count()).any(|j| inside(track.thin_s(j, s.step))) {
                 continue;
             }
@@ -237,7 +238,7 @@ fn cuts(balance: &Balance, left: &Column) -> Vec<Hypothesis> {
     let bin_hz = balance.plan.bin_hz;
     let series = balance.plan.series(spectrum, &s.lengths());
     let mut best: Vec<(f64, f64, usize)> = Vec::new();
-    for r in 0..s.tracks.len() {
+    for r in (0..s.tracks.len()).filter(|r| !s.tracks[*r].reference.is_switched) {
         let blocks = balance.plan.powers(spectrum, r);
         let bins = blocks.first().map_or(0, |b| b.1.len());
         if bins < 32 {
