@@ -123,7 +123,7 @@ fn position_offset(work: &mut Work<'_>, axis: &AxisColumns) {
     let drive = axis.with(Role::Drive).find(|i| !work.silent[*i]);
     let unexplained = |position: usize| {
         let motion = Motion::of_position(work, position);
-        let balance = Balance::new(work, (&motion, None), drive?, span)?;
+        let balance = Balance::new(work, &motion, None, drive?, span)?;
         let Powers { all, left, .. } = balance.powers(0);
         Some(left / all)
     };
@@ -186,7 +186,8 @@ impl Balance {
     /// motor, and the force with it: what the stage tells of that is no clock.
     fn new(
         work: &Work<'_>,
-        (motion, other): (&Motion, Option<usize>),
+        motion: &Motion,
+        other: Option<usize>,
         drive: usize,
         span: usize,
     ) -> Option<Self> {
@@ -276,21 +277,21 @@ fn orthonormal(columns: &mut [Vec<f64>]) {
 fn drive_offset(work: &Work<'_>, axis: &AxisColumns, drive: usize) -> Option<f64> {
     let motion = Motion::of(work, axis)?;
     let other = axis.with(Role::Position).find(|p| *p != motion.position && !work.silent[*p]);
-    let alone = offset_beside(work, (&motion, None), drive)?;
+    let alone = offset_beside(work, &motion, None, drive)?;
     match other {
-        Some(_) => offset_beside(work, (&motion, other), drive).filter(|rows| rows * alone > 0.0),
+        Some(_) => offset_beside(work, &motion, other, drive).filter(|rows| rows * alone > 0.0),
         None => Some(alone),
     }
 }
 
 /// The same by the motion, and another position.
-fn offset_beside(work: &Work<'_>, positions: (&Motion, Option<usize>), drive: usize) -> Option<f64> {
+fn offset_beside(work: &Work<'_>, motion: &Motion, other: Option<usize>, drive: usize) -> Option<f64> {
     let c = *work.criteria;
     let dt = work.period_s();
     let stride = work.rows_in(5e-4);
     let count = (c.delay_span_s / (stride as f64 * dt)).floor().max(3.0) as isize;
     let span = count as usize * stride;
-    let balance = Balance::new(work, positions, drive, span)?;
+    let balance = Balance::new(work, motion, other, drive, span)?;
     let at = |k: isize| balance.powers(k * stride as isize);
     let all: Vec<Powers> = (-count..=count).map(at).collect();
     let now = all[count as usize];

@@ -29,9 +29,6 @@ pub(super) struct Entered {
 pub(super) fn entered(balance: &Balance, state: &State, work: &mut Work) -> Option<Entered> {
     let spindle_hz = balance.signals.spindle_hz()?;
     let (recording, window_s) = stretch(balance, state, spindle_hz)?;
-    if balance.signals.tracks[recording].reference.is_switched {
-        return None;
-    }
     let h = Hypothesis::new(Port::Stage, Push { recording, spindle_hz, window_s });
     let chance = work.take(1).then(|| ask(balance, state, &h, true).chance)?;
     // Friction holds any force at rest, in a short recording as well.
@@ -145,11 +142,11 @@ fn stretch(balance: &Balance, state: &State, spindle_hz: f64) -> Option<(usize, 
     let left = residual(balance, state.base.fitted());
     let series = balance.plan.series(left.sides[s.last()].as_ref()?, &s.lengths());
     let mut best: Option<(f64, usize, [f64; 2])> = None;
-    for (r, (track, x)) in s.tracks.iter().zip(&series).enumerate() {
+    for (r, track) in s.answering() {
         // Half a block at either end is known to a part only.
         let half = (0.5 * s.thin_rate_hz() / balance.plan.bin_hz) as usize;
-        let known = x.iter().rposition(|v| *v != 0.0).map_or(0, |last| last + 1);
-        let x = x.get(half..known.saturating_sub(half)).unwrap_or_default();
+        let known = series[r].iter().rposition(|v| *v != 0.0).map_or(0, |last| last + 1);
+        let x = series[r].get(half..known.saturating_sub(half)).unwrap_or_default();
         // Over whole turns an eccentric bar has no mean.
         let length = ((s.thin_rate_hz() / spindle_hz) as usize).max(1);
         let sums: Vec<f64> = std::iter::once(0.0)

@@ -40,6 +40,13 @@ fn tell(sheet: &mut Sheet, [hz, relative]: [f64; 2], [force_n, sd_n]: [f64; 2], 
     sheet.add(&END, end_s, sd_s);
 }
 
+impl Signals {
+    /// Recordings whose thrust answers to what acts on the axis, with their places.
+    pub(crate) fn answering(&self) -> impl Iterator<Item = (usize, &Track)> {
+        self.tracks.iter().enumerate().filter(|(_, track)| !track.reference.is_switched)
+    }
+}
+
 fn facts() -> Facts {
     let facts = Facts::of(EffectKind::CuttingForce, Size::Free, &[]);
     Facts { is_of_one_recording: true, ..facts }
@@ -121,8 +128,7 @@ impl Law for Cut {
         let s = ground.signals;
         let inside = |t_s: f64| (start_s..end_s).contains(&t_s);
         let mut out = Vec::new();
-        let answering = s.tracks.iter().enumerate().filter(|(_, track)| !track.reference.is_switched);
-        for (r, track) in answering {
+        for (r, track) in s.answering() {
             if !(0..track.thin_count()).any(|j| inside(track.thin_s(j, s.step))) {
                 continue;
             }
@@ -238,7 +244,7 @@ fn cuts(balance: &Balance, left: &Column) -> Vec<Hypothesis> {
     let bin_hz = balance.plan.bin_hz;
     let series = balance.plan.series(spectrum, &s.lengths());
     let mut best: Vec<(f64, f64, usize)> = Vec::new();
-    for r in (0..s.tracks.len()).filter(|r| !s.tracks[*r].reference.is_switched) {
+    for (r, _) in s.answering() {
         let blocks = balance.plan.powers(spectrum, r);
         let bins = blocks.first().map_or(0, |b| b.1.len());
         if bins < 32 {
