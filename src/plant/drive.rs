@@ -54,6 +54,7 @@ impl RawDriveParams {
             "translational_damping_n_s_m" => &mut self.translational_damping_n_s_m,
             "stage_coulomb_friction_n" => &mut self.stage_coulomb_friction_n,
             "motor_coulomb_friction_n" => &mut self.motor_coulomb_friction_n,
+            "current_loop_bandwidth_rad_s" => &mut self.current_loop_bandwidth_rad_s,
             "amplifier_dead_time_s" => &mut self.amplifier_dead_time_s,
             "motor_encoder_delay_s" => &mut self.motor_encoder_delay_s,
             "stage_encoder_delay_s" => &mut self.stage_encoder_delay_s,

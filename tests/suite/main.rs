@@ -12,6 +12,7 @@ mod avoidance;
 mod chatter;
 mod chatter_judge;
 mod closed_loop;
+mod coarse_encoders;
 mod conceal;
 mod concealed_cut;
 mod cut_in_time;

@@ -276,15 +276,18 @@ impl Case<'_> {
         };
         let extra_s = state.now.path.delay_s - balance.drive.amplifier_dead_time_s();
         // What a loop took the place of may have left nothing of a delay.
-        let within_s = Criteria::STANDARD.timing_deviation / balance.signals.rate_hz;
+        let within_s = balance.timing_deviation_s(state.coulomb_n());
         let is_late = state.now.found_delay && extra_s > Z95 * doubt.path[0].hypot(within_s);
         let late = Delay { extra_s, early: false };
         let delay = is_late.then(|| found(late.into(), doubt.path[0] / extra_s, Named::Delay));
         // What was a loop before the encoders were put together may be the one that is stated.
         let stated_rad_s = balance.drive.current_loop_bandwidth_rad_s().unwrap_or(f64::INFINITY);
-        let is_slow = |rad_s: &f64| (stated_rad_s / rad_s).ln() > Z95 * doubt.path[1];
+        let is_slow =
+            |rad_s: &f64| (stated_rad_s / rad_s).ln() > Z95 * doubt.path[1].hypot(within_s * *rad_s);
         let bandwidth = state.now.path.loop_rad_s.filter(|_| state.now.found_loop).filter(is_slow);
-        let lag = |rad_s| found(CurrentLoop { rad_s, in_place: false }.into(), doubt.path[1], Named::Loop);
+        let lag = |rad_s| {
+            found(CurrentLoop { rad_s, in_place: false, quicker: false }.into(), doubt.path[1], Named::Loop)
+        };
         delay.into_iter().chain(bandwidth.map(lag)).collect()
     }
 

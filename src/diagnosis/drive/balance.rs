@@ -4,12 +4,16 @@ use super::columns::{Ground, TimeColumn, derivative};
 use super::gram::{BandGram, Column, Gram, Part};
 use super::likelihood::{Design, Fit, Spread, values, weights_of};
 use super::number::{Mechanics, Number, TURNING};
+use super::rounding::{accel_m_s2, rounding};
 use super::signals::{Layout, Path, Signals, Track};
 use super::spectra::{FOLDS, Plan, Series};
+use crate::diagnosis::criteria::Criteria;
 use crate::plant::drive::DriveParams;
 use crate::plant::effects::Port;
+use crate::plant::effects::backlash::play;
+use crate::plant::effects::coulomb_friction::sliding_direction;
 use std::borrow::Cow;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 /// A central difference of the thrust over its time of arrival, samples.
 const TIMING_STEP: f64 = 0.1;
@@ -33,6 +37,9 @@ pub(super) struct Balance {
     /// The newest column of each number (none: the target): a state that is built anew has mostly moved
     /// something else.
     newest: Mutex<Vec<Made>>,
+    /// See [`Self::rounding`].
+    rounding: OnceLock<Vec<Column>>,
+    accel_of_steps: OnceLock<Column>,
 }
 
 /// A column and what it was made with.
@@ -67,13 +74,54 @@ impl Balance {
             let rests = |r: usize, k: usize| signals.tracks[r].rests.get(k).copied().unwrap_or(false);
             plan = plan.looking_at(|r, k| !rests(r, k));
         }
-        let (read_right, newest) = (Vec::new(), Mutex::default());
-        Self { drive, signals, plan, clock_moved, stage_later_s, read_right, newest }
+        Self {
+            drive,
+            signals,
+            plan,
+            clock_moved,
+            stage_later_s,
+            read_right: Vec::new(),
+            newest: Mutex::default(),
+            rounding: OnceLock::new(),
+            accel_of_steps: OnceLock::new(),
+        }
     }
 
     /// True where two positions are recorded and nobody states when each was read.
     pub(super) fn asks_encoder_timing(&self) -> bool {
         self.signals.layout == Layout::TwoPositions && self.stage_later_s.is_some()
+    }
+
+    /// By how much what a force is later than its motion is not that of its path, as a deviation, s: when
+    /// inside a sample a reference acts differs between drives; and with one position friction behind a screw
+    /// that winds up by its force turns over that way, which a time takes for later by `<D, t'> / <t', t'>`,
+    /// D what friction differs by, t' the rate of the thrust.
+    pub(super) fn timing_deviation_s(&self, dry_n: f64) -> f64 {
+        let wound_m = match (self.signals.layout, self.drive.axial_stiffness_n_m()) {
+            (Layout::OnePosition, k) if k > 0.0 => dry_n / k,
+            _ => self.signals.wound_m,
+        };
+        let usual_s = Criteria::STANDARD.timing_deviation / self.signals.rate_hz;
+        if wound_m == 0.0 {
+            return usual_s;
+        }
+        let path = Path::stated(&self.drive);
+        let (mut along, mut power) = (0.0, 0.0);
+        for track in &self.signals.tracks {
+            let side = &track.sides[0];
+            let v_s = self.signals.smoothing_m_s;
+            let turns = side.v_m_s.iter().zip(play(&side.x_m, 0.0, wound_m));
+            let later: Vec<f64> =
+                turns.map(|(v, late)| dry_n * (sliding_direction(*v, v_s) - late)).collect();
+            let later = self.signals.filtered(track, &later, 0);
+            let rate = difference_rate(&self.signals.thrust(track, path), self.signals.thin_rate_hz());
+            let judged = track.judged();
+            for j in (0..rate.len()).filter(|j| judged[*j]) {
+                along += later[j] * rate[j];
+                power += rate[j] * rate[j];
+            }
+        }
+        usual_s.hypot(along / power.max(f64::MIN_POSITIVE))
     }
 
     /// The numbers that this balance has.
@@ -211,24 +259,44 @@ impl Balance {
         column
     }
 
+    /// Spectra of [`rounding`]. Of two positions beside the numbers as they were when it was asked first.
+    pub(super) fn rounding(&self, ground: &Ground<'_>) -> Cow<'_, [Column]> {
+        let made = || -> Vec<Column> { rounding(ground).iter().map(|t| self.column(t)).collect() };
+        if self.signals.layout == Layout::TwoPositions {
+            Cow::Borrowed(self.rounding.get_or_init(made))
+        } else {
+            Cow::Owned(made())
+        }
+    }
+
+    /// Spectra of [`accel_m_s2`].
+    pub(super) fn accel_of_steps(&self) -> &Column {
+        self.accel_of_steps.get_or_init(|| self.column(&accel_m_s2(&self.signals)))
+    }
+
     /// A column's spectra.
     pub(super) fn column(&self, time: &TimeColumn) -> Column {
         let points = &self.plan.points;
         let response = time.operator.as_ref().map(|of| points.iter().map(|p| of(p.rad_s)).collect());
         Column {
-            sides: [0, 1].map(|k| time.sides[k].as_ref().map(|s| self.plan.transform(&self.moving(s)))),
+            sides: [0, 1].map(|k| time.sides[k].as_ref().map(|s| self.plan.transform(&self.weighted(s)))),
             response: response.map(Arc::new),
         }
     }
 
-    /// A series in which nothing is where the axis rests, which one position alone tells.
-    fn moving<'a>(&self, series: &'a Series) -> Cow<'a, Series> {
-        if self.signals.layout != Layout::OnePosition {
+    /// A series in which nothing is where the axis rests, which one position alone tells, or with the weights
+    /// of two.
+    fn weighted<'a>(&self, series: &'a Series) -> Cow<'a, Series> {
+        let of = |(x, track): (&Vec<f64>, &Track)| -> Vec<f64> {
+            let rests = |(x, rests): (&f64, &bool)| if *rests { 0.0 } else { *x };
+            match self.signals.layout {
+                Layout::OnePosition => x.iter().zip(&track.rests).map(rests).collect(),
+                _ => x.iter().zip(&track.weight).map(|(x, w)| x * w).collect(),
+            }
+        };
+        if self.signals.layout == Layout::Locked {
             return Cow::Borrowed(series);
         }
-        let of = |(x, track): (&Vec<f64>, &Track)| -> Vec<f64> {
-            x.iter().zip(&track.rests).map(|(x, rests)| if *rests { 0.0 } else { *x }).collect()
-        };
         Cow::Owned(series.iter().zip(&self.signals.tracks).map(of).collect())
     }
 
@@ -311,6 +379,13 @@ impl Balance {
         let other = design.fit(bands, beta.to_vec(), flat);
         if other.nats < one.nats { other } else { one }
     }
+}
+
+/// Rate of a series by central differences, nothing at its ends.
+fn difference_rate(x: &[f64], rate_hz: f64) -> Vec<f64> {
+    let last = x.len().saturating_sub(1);
+    let of = |k: usize| if k == 0 || k == last { 0.0 } else { 0.5 * rate_hz * (x[k + 1] - x[k - 1]) };
+    (0..x.len()).map(of).collect()
 }
 
 /// What is not held out: its inner products, their weights by the noise of all, and the fit to them.

@@ -8,7 +8,7 @@ use super::gram::{BandGram, Column, Gram, Part};
 use super::laws::{Hypothesis, Size};
 use super::likelihood::{Design, FREE, Fit, POSITIVE, Spread};
 use super::number::Number;
-use super::rounding::{QUARTERS, rounding};
+use super::rounding::QUARTERS;
 use super::signals::Layout;
 use crate::diagnosis::criteria::Criteria;
 use std::sync::Arc;
@@ -31,7 +31,8 @@ pub(super) struct Base {
     pub(super) idle: Idle,
     /// First of the knockoffs' columns.
     pub(super) knockoffs: usize,
-    /// Fits of the knockoffs with numbers and laws alone: of the turned residual, then of rounding.
+    /// Fits of the knockoffs with numbers and laws alone: of the turned residual, then of rounding; of two
+    /// positions of both together.
     pub(super) knockoff_fits: Vec<Fit>,
     /// See [`Balance::held_out_nats`].
     pub(super) held_out_nats: Vec<f64>,
@@ -182,18 +183,27 @@ pub(super) fn base(balance: &Balance, (now, idle): (&Standing, Option<Idle>), ac
     let weights = design.weights(&all, &fit.beta);
     // What is left, turned.
     let left = residual(balance, (&gram, &design, &fit.beta));
-    let turned = QUARTERS
-        .map(|share| [0, 1].map(|k| left.sides[k].as_ref().map(|s| plan.turned(s, share))))
-        .map(|sides| Column { sides, response: None });
-    let rounding: Vec<Column> = rounding(&ground).iter().map(|t| balance.column(t)).collect();
-    let nulls = QUARTERS.len() + rounding.len();
-    let gram = gram.with(plan, turned.into_iter().chain(rounding).collect());
+    let turned = |share: f64| Column {
+        sides: [0, 1].map(|k| left.sides[k].as_ref().map(|s| plan.turned(s, share))),
+        response: None,
+    };
+    let turned = QUARTERS.iter().map(|share| turned(*share));
+    let rounding = balance.rounding(&ground).into_owned();
+    // Of two positions what is left and steps that are elsewhere are one null world: alone, steps that make
+    // nothing beside what is left would be a world of lines.
+    let nulls: Vec<Column> = if two {
+        turned.zip(&rounding).map(|(left, steps)| left.plus(steps)).collect()
+    } else {
+        turned.chain(rounding).collect()
+    };
+    let worlds = nulls.len();
+    let gram = gram.with(plan, nulls);
     let all = gram.sum(plan, Part::All);
     let null = |k: usize| {
         let design = knockoff_design(&design, &fit.beta, knockoffs + k);
         design.fit(&all, vec![0.0; design.columns.len()], weights.clone())
     };
-    let knockoff_fits = (0..nulls).map(null).collect();
+    let knockoff_fits = (0..worlds).map(null).collect();
     let held_out_nats = balance.held_out_nats(&gram, &design, &fit.beta);
     Base { numbers, gram, all, design, fit, weights, idle, knockoffs, knockoff_fits, held_out_nats }
 }

@@ -13,6 +13,17 @@ pub(super) struct Column {
     pub(super) response: Option<Arc<Vec<Response>>>,
 }
 
+impl Column {
+    /// This one and another, which is no function of the positions.
+    pub(super) fn plus(&self, other: &Self) -> Self {
+        let of = |k: usize| match (&self.sides[k], &other.sides[k]) {
+            (Some(a), Some(b)) => Some(Arc::new(a.iter().zip(b.iter()).map(|(a, b)| a + b).collect())),
+            (a, b) => a.clone().or_else(|| b.clone()),
+        };
+        Self { sides: [0, 1].map(of), response: None }
+    }
+}
+
 /// Inner products of one cell: motor with motor, motor with stage, stage with stage; row-major.
 #[derive(Debug, Clone)]
 struct CellGram {

@@ -25,6 +25,7 @@ mod number;
 mod numbers;
 mod of_encoders;
 mod one_mass;
+mod reads;
 pub(in crate::diagnosis) mod recorded;
 mod rest;
 mod rounding;

@@ -16,6 +16,7 @@ use super::subject::slopes;
 use crate::diagnosis::criteria::{Criteria, Z95};
 use crate::diagnosis::result::Correction;
 use crate::plant::effects::Port;
+use crate::plant::effects::current_loop_lag::BANDWIDTH;
 use crate::plant::machine::AxisModel;
 use nalgebra::DVector;
 
@@ -353,9 +354,8 @@ pub(super) fn common_scale(balance: &Balance, numbers: &[Beside]) -> f64 {
 /// True where the force comes later than its motion, whatever its dead time and the sample in which it acts:
 /// its clock is another.
 pub(super) fn is_late(balance: &Balance, state: &State, doubt: &Doubt) -> bool {
-    let c = &Criteria::STANDARD;
-    let [within_s, earliest_s] =
-        [c.timing_deviation, c.timing_samples[0]].map(|s| s / balance.signals.rate_hz);
+    let within_s = balance.timing_deviation_s(state.coulomb_n());
+    let earliest_s = Criteria::STANDARD.timing_samples[0] / balance.signals.rate_hz;
     state.now.found_delay && state.now.path.delay_s < earliest_s - Z95 * doubt.path[0].hypot(within_s)
 }
 
@@ -393,10 +393,11 @@ pub(super) fn corrections(
     }
     let stated_s = balance.drive.amplifier_dead_time_s();
     let found_s = state.now.path.delay_s.max(0.0);
-    let half_s = Z95 * doubt.path[0].hypot(c.timing_deviation / balance.signals.rate_hz);
+    let half_s = Z95 * doubt.path[0].hypot(balance.timing_deviation_s(state.coulomb_n()));
     if state.now.found_delay && found_s + half_s < stated_s && !is_late(balance, state, doubt) {
         list.push(Correction::within("amplifier_dead_time_s", stated_s, found_s, half_s));
     }
+    list.extend(quicker_loop(balance, state, doubt));
     list.extend(read_apart(balance, axis, state, doubt));
     if state.now.found_smoothing && axis.drive.raw().friction_smoothing_m_s.is_some() {
         let (nominal, value) = (balance.signals.smoothing_m_s, state.now.smoothing_m_s);
@@ -404,6 +405,19 @@ pub(super) fn corrections(
         list.push(Correction { ci95: [0.9 * value, 1.1 * value], ..told });
     }
     list
+}
+
+/// A current loop that is quicker than stated. One at a bound is none.
+fn quicker_loop(balance: &Balance, state: &State, doubt: &Doubt) -> Option<Correction> {
+    let stated = balance.drive.current_loop_bandwidth_rad_s().filter(|_| state.now.found_loop)?;
+    let most = (1.0 - Criteria::STANDARD.at_bound) * BANDWIDTH.bounds[1];
+    let found = state.now.path.loop_rad_s.filter(|found| *found < most)?;
+    let k = state.base.numbers.iter().position(|n| *n == Number::Lag)?;
+    // Of a loop its lag is told.
+    let half = Z95 * doubt.path[1].hypot(balance.timing_deviation_s(state.coulomb_n()) * found);
+    let told = Correction::within("current_loop_bandwidth_rad_s", stated, found, 0.0);
+    let is_told = (found / stated).ln() > half && !state.base.fit.held[k];
+    is_told.then(|| Correction { ci95: [-half, half].map(|h| found * h.exp()), ..told })
 }
 
 /// How much later one encoder is read than the other, where nobody states when both are. One at a bound is

@@ -1,7 +1,7 @@
 //! What is left above the floor, where it enters, and when.
 
 use super::evidence::level;
-use super::gram::BandGram;
+use super::gram::{BandGram, Gram};
 use super::likelihood::{Design, ITERATIONS, Spread};
 use super::number::{Mechanics, Number};
 use super::signals::Layout;
@@ -57,6 +57,7 @@ pub(super) fn rest_of(balance: &Balance, state: &State, (design, beta): (&Design
     let all = base.gram.sum_by_band(plan);
     let spreads: Vec<Spread> = all.iter().map(|b| design.spread(b, beta)).collect();
     let even = evened(&all.iter().map(|b| b.recording).collect::<Vec<_>>(), &spreads);
+    let rounded = if two { rounded(balance, state) } else { vec![[0.0; 3]; all.len()] };
     // Noise of a position through the mass, before the low-pass: white position, squared by frequency.
     let of_position = |recording: usize, hz: f64| {
         let s = &balance.signals;
@@ -92,14 +93,14 @@ pub(super) fn rest_of(balance: &Balance, state: &State, (design, beta): (&Design
     let (mut excess, mut floor, mut whole) = ([0.0; 3], 0.0, [0.0; 2]);
     let mut by_band = vec![0.0; plan.bands()];
     let mut counted: Vec<bool> = (0..plan.bands()).map(|b| plan.band_hz(b)[1] < low_hz).collect();
-    for ((band, s), even) in all.iter().zip(&spreads).zip(&even) {
+    for (((band, s), even), rounded) in all.iter().zip(&spreads).zip(&even).zip(&rounded) {
         let is_low = middle(band.band) < low_hz || !two;
-        let f = floor_in(band, s);
+        let f = not_below(rounded, floor_in(band, s));
         let share = band.values * scale;
         whole[0] += f[0] * share;
         whole[1] += f[2] * share;
         // Where the floor is read and above no floor says what is left; a line stands out of its neighbours.
-        let f = if is_low { f } else { *even };
+        let f = if is_low { f } else { not_below(rounded, *even) };
         let is_line = !is_low && largest([0, 1, 2].map(|k| s[k] - f[k])) > f[0] + f[2];
         counted[band.band] |= is_line;
         if is_low || is_line {
@@ -159,6 +160,24 @@ fn usual_n(balance: &Balance, state: &State, (port, thrust_n): (Port, f64)) -> f
         _ => 0.0,
     };
     rounding_n.max(Criteria::STANDARD.texture * dry_n.min(thrust_n))
+}
+
+/// What the steps of two encoders make in each band, mean square: white in no axis that creeps, a line in one
+/// that moves at one speed.
+fn rounded(balance: &Balance, state: &State) -> Vec<Spread> {
+    let columns = balance.rounding(&state.ground(balance)).into_owned();
+    let worlds = columns.len();
+    let of = |b: BandGram| {
+        let power = |kind: usize| (0..worlds).map(|k| b.products[kind][k * (worlds + 1)]).sum::<f64>();
+        [0, 1, 2].map(|kind| power(kind) / (worlds as f64 * b.values))
+    };
+    Gram::new(&balance.plan, columns).sum_by_band(&balance.plan).into_iter().map(of).collect()
+}
+
+/// A floor that is at neither side below another one.
+fn not_below(other: &Spread, floor: Spread) -> Spread {
+    let both = if other[0] + other[2] > floor[0] + floor[2] { other[1] } else { floor[1] };
+    [floor[0].max(other[0]), both, floor[2].max(other[2])]
 }
 
 /// Shares of motor, stage and their sum in what is above the floor. A force between the two has no sum; of

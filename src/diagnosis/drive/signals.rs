@@ -1,18 +1,16 @@
 //! From recordings to aligned, low-passed signals of one axis: at the full rate for laws that are not linear,
 //! thinned for the balance.
 
-use super::one_mass::{Spring, THINNED_PER_BAND, spring};
-use super::recorded::{
-    Thrust, has_both_positions, is_locked, motor_position, position, position_at, span, stage_position,
-    thrust,
-};
+use super::one_mass::THINNED_PER_BAND;
+use super::reads::{Read, band_hz, clean_band_hz, positions, stage_behind, stage_is_finer};
+use super::recorded::{Thrust, has_both_positions, is_locked, motor_position, position, position_at, thrust};
 use super::spectra::{SHORTEST_BLOCK, Series};
 use super::standstill::standstill;
 use super::turning::{Bands, Turning};
 use crate::diagnosis::DiagnoseError;
 use crate::diagnosis::criteria::Criteria;
 use crate::diagnosis::cuts::{Mask, spindle_hz};
-use crate::diagnosis::encoder_noise::{SpeedOfStep, rounding_m, variance_m2};
+use crate::diagnosis::encoder_noise::{SpeedOfStep, rounding_m};
 use crate::diagnosis::kernel::{Action, Grid, Kernel, ring_s};
 use crate::diagnosis::steps::coarser_step;
 use crate::plant::drive::{DriveParams, Structure};
@@ -25,7 +23,7 @@ use std::f64::consts::TAU;
 /// Part of a recording that a slow thrust filter may take at either end.
 const PATH_PARTS: usize = 12;
 /// Lengths of a kernel that a recording holds at least.
-const KERNELS: f64 = 30.0;
+pub(super) const KERNELS: f64 = 30.0;
 
 /// How many balances there are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -67,6 +65,8 @@ pub(super) struct Track {
     pub(super) thin: Thin,
     /// Thinned samples that were not measured.
     pub(super) masked: Vec<bool>,
+    /// What both balances are multiplied by, thinned, one in the mean square; see [`Signals::weight`].
+    pub(super) weight: Vec<f64>,
     /// Thinned samples in which the axis rests, where there is one position: friction balances what there is.
     pub(super) rests: Vec<bool>,
 }
@@ -95,7 +95,7 @@ pub(super) struct Signals {
     pub(super) smoothing_m_s: f64,
     pub(super) tracks: Vec<Track>,
     /// Of one position: way that the spring gives under the stage's friction, m.
-    wound_m: f64,
+    pub(super) wound_m: f64,
     /// Of one position: variance of its noise in each recording, m2.
     pub(super) noise_m2: Vec<f64>,
     /// Kernels without a shift: signal, first and second derivative.
@@ -278,6 +278,7 @@ impl Signals {
             Layout::OnePosition => standstill(&positions[0].x_m, self.steps_m[0]),
             Layout::TwoPositions | Layout::Locked => Vec::new(),
         };
+        let weight = self.weight(&sides, velocity_hz, Grid { first: thin_first - full_first, ..thin });
         let masked = near(mask, self.kernels[0].half());
         let rests = near(&stands, (ring_s(self.band_hz) * self.rate_hz) as usize);
         Ok(Track {
@@ -293,8 +294,32 @@ impl Signals {
             stretch_m,
             thin: out,
             masked,
+            weight,
             rests,
         })
+    }
+
+    /// Weight of each thinned sample of two positions.
+    ///
+    /// Where an axis moves no faster than friction turns, noise n of the speed is noise of the friction,
+    /// F sech^2(v / v_s) n / v_s. As noise of the whole recording it makes a friction of a fifth of its size
+    /// the likeliest, which has less of it. What is more than friction itself varies by is weighted down, at
+    /// both sides alike, since what enters between them is alike at both.
+    fn weight(&self, sides: &[Side; 2], velocity_hz: [f64; 2], at: Grid) -> Vec<f64> {
+        if self.sides() == 1 {
+            return Vec::new();
+        }
+        let hidden = [0, 1].map(|k| {
+            let noise_m_s =
+                SpeedOfStep { step_m: self.steps_m[k], rate_hz: self.rate_hz }.at_m_s(velocity_hz[k]);
+            let half = (0.5 * self.rate_hz / velocity_hz[k]) as usize;
+            hidden_share(&sides[k], at, half, noise_m_s, self.smoothing_m_s)
+        });
+        let most = |(a, b): (&f64, &f64)| a.max(*b) / Criteria::STANDARD.texture;
+        let weight: Vec<f64> =
+            hidden[0].iter().zip(&hidden[1]).map(most).map(|h| h.max(1.0).recip()).collect();
+        let mean = rms(&weight);
+        weight.iter().map(|w| w / mean).collect()
     }
 
     /// The low-pass of a band, of the signal that much later.
@@ -503,82 +528,16 @@ impl Track {
     }
 }
 
-/// A position that a balance is made of, when it was read, and the mass that its noise goes through.
-pub(super) struct Read {
-    pub(super) x_m: Vec<f64>,
-    pub(super) delay_s: f64,
-    mass_kg: f64,
-}
-
-impl Read {
-    fn noise_m2(&self, rate_hz: f64) -> f64 {
-        variance_m2(&self.x_m, rate_hz)
-    }
-}
-
-/// Motor and stage; of one position the motor, or the stage where there is no other, or it is to be that one.
-fn positions(axis: &AxisModel, recording: &Recording, (layout, by_stage): (Layout, bool)) -> Vec<Read> {
-    let d = &axis.drive;
-    let mass_kg = match layout {
-        Layout::TwoPositions => [d.reflected_mass_kg(), d.movable_mass_kg()],
-        Layout::OnePosition => [d.total_mass_kg(); 2],
-        // What is held does not move.
-        Layout::Locked => [d.reflected_mass_kg(); 2],
+/// Share of friction that noise of the speed makes, sech^2(v / v_s) n / v_s, at each of some samples: the
+/// largest within half a period of the speed's band, for which it smears a stop.
+fn hidden_share(side: &Side, at: Grid, half: usize, noise_m_s: f64, turning_m_s: f64) -> Vec<f64> {
+    let of = |j: usize| {
+        let centre = at.first + j * at.step;
+        let near = &side.v_m_s[centre.saturating_sub(half)..(centre + half + 1).min(side.v_m_s.len())];
+        let slowest = near.iter().map(|v| v.abs()).fold(f64::INFINITY, f64::min);
+        (slowest / turning_m_s).cosh().powi(-2) * noise_m_s / turning_m_s
     };
-    let motor = motor_position(axis, recording).filter(|_| !by_stage);
-    let has_stage = layout == Layout::TwoPositions || motor.is_none();
-    let stage = stage_position(axis, recording).filter(|_| has_stage).map(<[f64]>::to_vec);
-    let delay_s = [d.motor_encoder_delay_s(), d.stage_encoder_delay_s()];
-    let read = |(k, x_m): (usize, Option<Vec<f64>>)| {
-        x_m.map(|x_m| Read { x_m, delay_s: delay_s[k], mass_kg: mass_kg[k] })
-    };
-    [motor, stage].into_iter().enumerate().filter_map(read).collect()
-}
-
-/// True where the scale has less than half of the noise of the motor's encoder.
-fn stage_is_finer(axis: &AxisModel, recordings: &[Recording]) -> bool {
-    recordings.iter().all(|r| {
-        let (Some(motor), Some(stage)) = (motor_position(axis, r), stage_position(axis, r)) else {
-            return false;
-        };
-        let rate_hz = r.sample_rate.hz();
-        // One that never changes is of what is held.
-        span(stage) > 0.0 && 4.0 * variance_m2(stage, rate_hz) < variance_m2(&motor, rate_hz)
-    })
-}
-
-/// Up to where the noise of a position makes little force through the mass, Hz.
-///
-/// White noise of variance s^2 below f: rms M s (2 pi f)^2 (2 f / (5 rate))^(1/2).
-fn clean_band_hz(axis: &AxisModel, recording: &Recording, (mass_kg, noise_m2): (f64, f64)) -> f64 {
-    let rate_hz = recording.sample_rate.hz();
-    let Ok(thrust) = thrust(axis, recording) else { return f64::INFINITY };
-    let allowed_n = Criteria::STANDARD.repeatability * deviation(&thrust.reference_n);
-    let per_hz = mass_kg * noise_m2.sqrt() * TAU * TAU * (0.4 / rate_hz).sqrt();
-    let least_hz = KERNELS * rate_hz / recording.len().max(1) as f64;
-    (allowed_n / per_hz.max(1e-300)).powf(0.4).max(least_hz)
-}
-
-/// The stage of an axis that is taken as one mass: its spring as stated, else as both positions tell it.
-fn stage_behind(axis: &AxisModel, recordings: &[Recording]) -> Option<Spring> {
-    let d = &axis.drive;
-    let k = d.axial_stiffness_n_m();
-    let stated = Spring { swing_rad2_s2: k / d.movable_mass_kg(), wound_m: d.stage_coulomb_friction_n() / k };
-    if k > 0.0 { Some(stated) } else { spring(axis, recordings) }
-}
-
-/// At w the stage of an axis that is taken as one mass lags by (w / swing)^2 of its inertia: by the tolerance
-/// of a mass at most.
-fn band_hz((layout, rate_hz): (Layout, f64), one_mass: Option<Spring>) -> f64 {
-    let c = &Criteria::STANDARD;
-    let widest = (c.band_share[usize::from(layout != Layout::TwoPositions)] * rate_hz).min(c.band_hz);
-    one_mass.map_or(widest, |s| widest.min((c.mass_tolerance * s.swing_rad2_s2).sqrt() / TAU))
-}
-
-/// Root mean square about the mean.
-fn deviation(x: &[f64]) -> f64 {
-    let mean = x.iter().sum::<f64>() / x.len().max(1) as f64;
-    rms(&x.iter().map(|x| x - mean).collect::<Vec<f64>>())
+    (0..at.count).map(of).collect()
 }
 
 /// A series through a kernel where that has all of its length, else as in `ends`.

@@ -1,7 +1,8 @@
 //! What a rigid mass with friction leaves of a thrust, for ways in which friction may turn.
 
 use super::one_mass::coefficients;
-use super::signals::{Path, Read, Signals, Track, inside};
+use super::reads::Read;
+use super::signals::{Path, Signals, Track, inside};
 use super::turning::Turning;
 use crate::plant::effects::coulomb_friction::sliding_direction;
 use nalgebra::{SMatrix, SVector};

@@ -52,9 +52,8 @@ impl Delay {
     }
 }
 
-/// When inside a sample a signal acts differs between drives.
 fn tell(extra_s: f64, told: &Told<'_>, sheet: &mut Sheet) {
-    let within = Criteria::STANDARD.timing_deviation / told.balance.signals.rate_hz;
+    let within = told.balance.timing_deviation_s(told.coulomb_n);
     sheet.add(&EXTRA, extra_s, within.hypot(extra_s * told.relative(0)));
 }
 
