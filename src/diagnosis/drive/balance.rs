@@ -39,7 +39,7 @@ pub(super) struct Balance {
     newest: Mutex<Vec<Made>>,
     /// See [`Self::rounding`].
     rounding: OnceLock<Vec<Column>>,
-    accel_of_steps: OnceLock<Column>,
+    accel_of_steps: OnceLock<Vec<BandGram>>,
 }
 
 /// A column and what it was made with.
@@ -105,20 +105,20 @@ impl Balance {
         if wound_m == 0.0 {
             return usual_s;
         }
-        let path = Path::stated(&self.drive);
+        let rate = self.number_column(N::Timing, &Standing::stated(self, true).ground(self));
+        let rate = rate.sides[0].iter().flatten();
+        let v_s = self.signals.smoothing_m_s;
         let (mut along, mut power) = (0.0, 0.0);
-        for track in &self.signals.tracks {
+        for (track, rate) in self.signals.tracks.iter().zip(rate) {
             let side = &track.sides[0];
-            let v_s = self.signals.smoothing_m_s;
             let turns = side.v_m_s.iter().zip(play(&side.x_m, 0.0, wound_m));
             let later: Vec<f64> =
                 turns.map(|(v, late)| dry_n * (sliding_direction(*v, v_s) - late)).collect();
             let later = self.signals.filtered(track, &later, 0);
-            let rate = difference_rate(&self.signals.thrust(track, path), self.signals.thin_rate_hz());
-            let judged = track.judged();
-            for j in (0..rate.len()).filter(|j| judged[*j]) {
-                along += later[j] * rate[j];
-                power += rate[j] * rate[j];
+            for ((later, rate), _) in later.iter().zip(rate).zip(track.judged()).filter(|(_, judged)| *judged)
+            {
+                along += later * rate;
+                power += rate * rate;
             }
         }
         usual_s.hypot(along / power.max(f64::MIN_POSITIVE))
@@ -269,9 +269,10 @@ impl Balance {
         }
     }
 
-    /// Spectra of [`accel_m_s2`].
-    pub(super) fn accel_of_steps(&self) -> &Column {
-        self.accel_of_steps.get_or_init(|| self.column(&accel_m_s2(&self.signals)))
+    /// Inner products of [`accel_m_s2`] in each band.
+    pub(super) fn accel_of_steps(&self) -> &[BandGram] {
+        let made = || Gram::new(&self.plan, vec![self.column(&accel_m_s2(&self.signals))]);
+        self.accel_of_steps.get_or_init(|| made().sum(&self.plan, Part::All))
     }
 
     /// A column's spectra.
@@ -287,17 +288,15 @@ impl Balance {
     /// A series in which nothing is where the axis rests, which one position alone tells, or with the weights
     /// of two.
     fn weighted<'a>(&self, series: &'a Series) -> Cow<'a, Series> {
-        let of = |(x, track): (&Vec<f64>, &Track)| -> Vec<f64> {
-            let rests = |(x, rests): (&f64, &bool)| if *rests { 0.0 } else { *x };
-            match self.signals.layout {
-                Layout::OnePosition => x.iter().zip(&track.rests).map(rests).collect(),
-                _ => x.iter().zip(&track.weight).map(|(x, w)| x * w).collect(),
+        let moving = |x: &f64, rests: &bool| if *rests { 0.0 } else { *x };
+        let weights: &dyn Fn(&[f64], &Track) -> Vec<f64> = match self.signals.layout {
+            Layout::Locked => return Cow::Borrowed(series),
+            Layout::OnePosition => {
+                &|x, t| x.iter().zip(&t.rests).map(|(x, rests)| moving(x, rests)).collect()
             }
+            Layout::TwoPositions => &|x, t| x.iter().zip(&t.weight).map(|(x, w)| x * w).collect(),
         };
-        if self.signals.layout == Layout::Locked {
-            return Cow::Borrowed(series);
-        }
-        Cow::Owned(series.iter().zip(&self.signals.tracks).map(of).collect())
+        Cow::Owned(series.iter().zip(&self.signals.tracks).map(|(x, track)| weights(x, track)).collect())
     }
 
     /// What is fitted to: the thrust at the motor, nothing at the stage.
@@ -379,13 +378,6 @@ impl Balance {
         let other = design.fit(bands, beta.to_vec(), flat);
         if other.nats < one.nats { other } else { one }
     }
-}
-
-/// Rate of a series by central differences, nothing at its ends.
-fn difference_rate(x: &[f64], rate_hz: f64) -> Vec<f64> {
-    let last = x.len().saturating_sub(1);
-    let of = |k: usize| if k == 0 || k == last { 0.0 } else { 0.5 * rate_hz * (x[k + 1] - x[k - 1]) };
-    (0..x.len()).map(of).collect()
 }
 
 /// What is not held out: its inner products, their weights by the noise of all, and the fit to them.

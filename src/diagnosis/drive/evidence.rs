@@ -133,20 +133,14 @@ pub(super) fn statistic(balance: &Balance, state: &State, h: &Hypothesis, asked:
 /// nats where none was missing, and loses 17,000 where the axis is heard.
 fn heard_nats(balance: &Balance, state: &State, h: &Hypothesis, asked: &Asked) -> f64 {
     let base = &state.base;
-    let place = |number| base.numbers.iter().position(|n| *n == number).map_or(base.design.target, |k| k + 1);
-    let masses = [place(Number::MotorMass), place(Number::StageMass)];
-    let steps = Gram::new(&balance.plan, vec![balance.accel_of_steps().clone()]);
-    let steps = steps.sum(&balance.plan, Part::All);
     let n = base.gram.len();
     let is_heard = |(band, steps): (&BandGram, &BandGram)| {
         // What was recorded holds both.
-        let moves = |side: usize| {
-            let kind = 2 * side;
-            band.products[kind][masses[side] * (n + 1)] > 2.0 * steps.products[kind][0]
-        };
-        moves(0) && moves(1)
+        base.design.masses.iter().enumerate().all(|(side, (k, _))| {
+            band.products[2 * side][(k + 1) * (n + 1)] > 2.0 * steps.products[2 * side][0]
+        })
     };
-    let heard: Vec<bool> = base.all.iter().zip(&steps).map(is_heard).collect();
+    let heard: Vec<bool> = base.all.iter().zip(balance.accel_of_steps()).map(is_heard).collect();
     let of = |bands: &[BandGram], design: &Design, beta: &[f64]| {
         let bands = bands.iter().zip(&heard).filter(|(_, heard)| **heard);
         design.nats(&bands.map(|(band, _)| band.clone()).collect::<Vec<_>>(), beta)

@@ -2,13 +2,26 @@
 
 use super::one_mass::{Spring, spring};
 use super::recorded::{motor_position, span, stage_position, thrust};
-use super::signals::{KERNELS, Layout};
 use crate::diagnosis::criteria::Criteria;
 use crate::diagnosis::encoder_noise::variance_m2;
 use crate::plant::machine::AxisModel;
 use crate::sample::Recording;
 use crate::signal::inner_products::rms;
 use std::f64::consts::TAU;
+
+/// Lengths of a kernel that a recording holds at least.
+pub(super) const KERNELS: f64 = 30.0;
+
+/// How many balances there are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(in crate::diagnosis) enum Layout {
+    /// Motor and stage, both positions.
+    TwoPositions,
+    /// One mass, one position.
+    OnePosition,
+    /// One position against a stage that is held: one mass on the axial spring.
+    Locked,
+}
 
 /// A position that a balance is made of, when it was read, and the mass that its noise goes through.
 pub(super) struct Read {

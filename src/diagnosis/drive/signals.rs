@@ -2,7 +2,8 @@
 //! thinned for the balance.
 
 use super::one_mass::THINNED_PER_BAND;
-use super::reads::{Read, band_hz, clean_band_hz, positions, stage_behind, stage_is_finer};
+pub(in crate::diagnosis) use super::reads::Layout;
+use super::reads::{KERNELS, Read, band_hz, clean_band_hz, positions, stage_behind, stage_is_finer};
 use super::recorded::{Thrust, has_both_positions, is_locked, motor_position, position, position_at, thrust};
 use super::spectra::{SHORTEST_BLOCK, Series};
 use super::standstill::standstill;
@@ -22,19 +23,6 @@ use std::f64::consts::TAU;
 
 /// Part of a recording that a slow thrust filter may take at either end.
 const PATH_PARTS: usize = 12;
-/// Lengths of a kernel that a recording holds at least.
-pub(super) const KERNELS: f64 = 30.0;
-
-/// How many balances there are.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::diagnosis) enum Layout {
-    /// Motor and stage, both positions.
-    TwoPositions,
-    /// One mass, one position.
-    OnePosition,
-    /// One position against a stage that is held: one mass on the axial spring.
-    Locked,
-}
 
 /// Position and speed of one side at the full rate.
 #[derive(Debug, Clone, Default)]
