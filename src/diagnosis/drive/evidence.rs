@@ -7,6 +7,7 @@ use super::laws::Hypothesis;
 use super::likelihood::{Design, FREE, Fit, POSITIVE, values};
 use super::state::{Balance, Number, State, amplitude_bounds, knockoff_design};
 use crate::diagnosis::criteria::Criteria;
+use crate::diagnosis::selection::Work;
 
 /// A hypothesis beside a state, fitted.
 pub(super) struct Asked {
@@ -114,6 +115,18 @@ pub(super) fn ask(balance: &Balance, state: &State, h: &Hypothesis, chance: bool
         }
     }
     Asked { gram, design, fit, score, chance: most, first }
+}
+
+/// Evaluations that a fit beside so many new columns costs: eight of them take as long as the rest of it.
+pub(super) fn evaluations(columns: usize) -> u64 {
+    1 + columns as u64 / 8
+}
+
+/// [`ask`] without the knockoffs, off a budget. `None`: it is spent.
+pub(super) fn ask_within(balance: &Balance, state: &State, h: &Hypothesis, work: &mut Work) -> Option<Asked> {
+    let asked = work.take(1).then(|| ask(balance, state, h, false))?;
+    work.spend(evaluations(asked.amplitudes().len()) - 1);
+    Some(asked)
 }
 
 /// T, nats: the worst of score, of that where the axis is heard, sum over folds and sum over recordings.

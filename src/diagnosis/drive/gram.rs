@@ -2,7 +2,9 @@
 
 use super::spectra::{Cell, Plan, Response, Spectrum};
 use crate::signal::inner_products::dot;
-use std::sync::Arc;
+use std::borrow::Cow;
+use std::ops::Range;
+use std::sync::{Arc, OnceLock};
 
 /// A column of the balance: what it is at the motor and at the stage. An axis with one position has its
 /// one balance in the first place.
@@ -24,17 +26,34 @@ impl Column {
     }
 }
 
-/// Inner products of one cell: motor with motor, motor with stage, stage with stage; row-major.
-#[derive(Debug, Clone)]
-struct CellGram {
-    products: [Vec<f64>; 3],
-}
-
 /// Inner products of a set of columns.
 #[derive(Debug, Clone)]
 pub(super) struct Gram {
     columns: Vec<Column>,
-    cells: Vec<CellGram>,
+    layers: Vec<Arc<Layer>>,
+}
+
+/// Columns that came together, each with each of them and of those before.
+#[derive(Debug)]
+struct Layer {
+    own: Range<usize>,
+    cells: Vec<Products>,
+    /// Sum of all cells of one level.
+    all: OnceLock<Vec<Level>>,
+}
+
+/// Inner products of own columns, in rows, with all up to the last own: motor with motor, motor with stage,
+/// stage with motor, stage with stage; what one of the others has by symmetry is zero.
+#[derive(Debug, Clone)]
+struct Products([Vec<f64>; 4]);
+
+/// Cells of one noise level of a layer, added up.
+#[derive(Debug, Clone)]
+struct Level {
+    recording: usize,
+    band: usize,
+    values: f64,
+    products: Products,
 }
 
 /// Cells of the same recording and band, added up.
@@ -44,7 +63,17 @@ pub(super) struct BandGram {
     pub(super) band: usize,
     /// Complex values.
     pub(super) values: f64,
+    /// Number of columns.
+    pub(super) order: usize,
     pub(super) products: [Vec<f64>; 3],
+}
+
+impl BandGram {
+    /// True where a column is not zero.
+    pub(super) fn acts(&self, column: usize) -> bool {
+        let place = column * (self.order + 1);
+        self.products[0][place] != 0.0 || self.products[2][place] != 0.0
+    }
 }
 
 /// A part of the recordings.
@@ -65,49 +94,88 @@ impl Part {
     }
 }
 
+impl Products {
+    /// Of own columns of one cell.
+    fn of<'a>(cell: &Cell, columns: &'a [Column], own: &Range<usize>) -> Self {
+        let n = columns.len();
+        // What acts in one recording or for a while is zero in most cells.
+        let sides = [0, 1].map(|side| {
+            let part = |c: &'a Column| c.sides[side].as_deref().map(|s| cell.of(s));
+            let acts = |part: &&[f64]| part.iter().any(|v| *v != 0.0);
+            columns.iter().map(|c| part(c).filter(acts)).collect::<Vec<_>>()
+        });
+        Self([(0, 0), (0, 1), (1, 0), (1, 1)].map(|(a, b)| {
+            let mut out = vec![0.0; own.len() * n];
+            for (row, i) in out.chunks_mut(n).zip(own.clone()) {
+                let Some(left) = sides[a][i] else { continue };
+                let until = [[i + 1, n], [own.start, i + 1]][a][b];
+                for (j, value) in row.iter_mut().enumerate().take(until) {
+                    *value = sides[b][j].map_or(0.0, |right| dot(left, right));
+                }
+            }
+            out
+        }))
+    }
+
+    fn add(&mut self, other: &Self) {
+        for (sum, more) in self.0.iter_mut().zip(&other.0) {
+            sum.iter_mut().zip(more).for_each(|(s, p)| *s += p);
+        }
+    }
+
+    /// Into square matrices of n columns: see [`BandGram`].
+    fn put_into(&self, own: &Range<usize>, [motor, both, stage]: &mut [Vec<f64>; 3], n: usize) {
+        let at = |kind: usize, i: usize, j: usize| self.0[kind][(i - own.start) * own.end + j];
+        for i in own.clone() {
+            for j in 0..own.end {
+                if j <= i {
+                    (motor[i * n + j], motor[j * n + i]) = (at(0, i, j), at(0, i, j));
+                    (stage[i * n + j], stage[j * n + i]) = (at(3, i, j), at(3, i, j));
+                }
+                both[i * n + j] = at(1, i, j);
+                if j < own.start {
+                    both[j * n + i] = at(2, i, j);
+                }
+            }
+        }
+    }
+}
+
+impl Layer {
+    fn new(plan: &Plan, columns: &[Column], own: Range<usize>) -> Self {
+        let cells = plan.cells.iter().map(|cell| Products::of(cell, columns, &own)).collect();
+        Self { own, cells, all: OnceLock::new() }
+    }
+
+    /// Added up over the cells that are asked for, by what has one noise level.
+    fn added(&self, plan: &Plan, has: impl Fn(&Cell) -> bool, level: impl Fn(usize) -> usize) -> Vec<Level> {
+        let mut out: Vec<Level> = Vec::new();
+        for (cell, products) in plan.cells.iter().zip(&self.cells).filter(|(cell, _)| has(cell)) {
+            let (recording, band, values) = (cell.recording, level(cell.band), cell.values as f64);
+            match out.iter_mut().find(|l| (l.recording, l.band) == (recording, band)) {
+                Some(level) => {
+                    level.values += values;
+                    level.products.add(products);
+                }
+                None => out.push(Level { recording, band, values, products: products.clone() }),
+            }
+        }
+        out
+    }
+}
+
 impl Gram {
     /// Inner products of columns, each with each.
     pub(super) fn new(plan: &Plan, columns: Vec<Column>) -> Self {
-        let empty = Self {
-            columns: Vec::new(),
-            cells: vec![CellGram { products: [Vec::new(), Vec::new(), Vec::new()] }; plan.cells.len()],
-        };
-        empty.with(plan, columns)
+        Self { columns: Vec::new(), layers: Vec::new() }.with(plan, columns)
     }
 
     /// The same with more columns. Cost: new times all columns.
     pub(super) fn with(&self, plan: &Plan, more: Vec<Column>) -> Self {
-        let (before, n) = (self.columns.len(), self.columns.len() + more.len());
+        let own = self.len()..self.len() + more.len();
         let columns: Vec<Column> = self.columns.iter().cloned().chain(more).collect();
-        let cell_gram = |(cell, old): (&Cell, &CellGram)| {
-            let product = |a: &Option<Spectrum>, b: &Option<Spectrum>| match (a, b) {
-                (Some(a), Some(b)) => dot(cell.of(a), cell.of(b)),
-                _ => 0.0,
-            };
-            let products = std::array::from_fn(|kind| {
-                let (a, b) = [(0, 0), (0, 1), (1, 1)][kind];
-                let mut m = vec![0.0; n * n];
-                for i in 0..before {
-                    m[i * n..i * n + before]
-                        .copy_from_slice(&old.products[kind][i * before..(i + 1) * before]);
-                }
-                for i in 0..n {
-                    let from = if i < before { before } else { 0 };
-                    for j in from..n {
-                        let done = a == b && i > j;
-                        m[i * n + j] = if done {
-                            m[j * n + i]
-                        } else {
-                            product(&columns[i].sides[a], &columns[j].sides[b])
-                        };
-                    }
-                }
-                m
-            });
-            CellGram { products }
-        };
-        let cells = plan.cells.iter().zip(&self.cells).map(cell_gram).collect();
-        Self { columns, cells }
+        let layer = Arc::new(Layer::new(plan, &columns, own));
+        Self { layers: self.layers.iter().cloned().chain([layer]).collect(), columns }
     }
 
     /// Number of columns.
@@ -122,47 +190,43 @@ impl Gram {
 
     /// Added up over a part, by what has one noise level.
     pub(super) fn sum(&self, plan: &Plan, part: Part) -> Vec<BandGram> {
-        self.added(plan, |cell| part.has(cell))
+        let of = |layer: &Layer| layer.added(plan, |cell| part.has(cell), level_of(plan));
+        match part {
+            Part::All => self.whole(|layer| Cow::Borrowed(layer.all.get_or_init(|| of(layer)))),
+            _ => self.whole(|layer| Cow::Owned(of(layer))),
+        }
     }
 
     /// The same over all else.
     pub(super) fn sum_without(&self, plan: &Plan, part: Part) -> Vec<BandGram> {
-        self.added(plan, |cell| !part.has(cell))
+        self.whole(|layer| Cow::Owned(layer.added(plan, |cell| !part.has(cell), level_of(plan))))
     }
 
     /// The same as [`Self::sum`] of all by bands.
     pub(super) fn sum_by_band(&self, plan: &Plan) -> Vec<BandGram> {
-        self.by_level(plan, |_| true, |band| band)
+        self.whole(|layer| Cow::Owned(layer.added(plan, |_| true, |band| band)))
     }
 
-    fn added(&self, plan: &Plan, has: impl Fn(&Cell) -> bool) -> Vec<BandGram> {
-        self.by_level(plan, has, |band| if plan.white { 0 } else { band })
-    }
-
-    fn by_level(
-        &self,
-        plan: &Plan,
-        has: impl Fn(&Cell) -> bool,
-        level: impl Fn(usize) -> usize,
-    ) -> Vec<BandGram> {
+    /// Layers put together: square matrices of all columns.
+    fn whole<'a>(&'a self, of: impl Fn(&'a Layer) -> Cow<'a, [Level]>) -> Vec<BandGram> {
+        let n = self.len();
         let mut out: Vec<BandGram> = Vec::new();
-        for (cell, gram) in plan.cells.iter().zip(&self.cells).filter(|(cell, _)| has(cell)) {
-            let values = cell.values as f64;
-            match out.iter_mut().find(|b| b.recording == cell.recording && b.band == level(cell.band)) {
-                Some(band) => {
-                    band.values += values;
-                    for (sum, products) in band.products.iter_mut().zip(&gram.products) {
-                        sum.iter_mut().zip(products).for_each(|(s, p)| *s += p);
-                    }
+        for layer in &self.layers {
+            for (k, level) in of(layer).iter().enumerate() {
+                if out.len() == k {
+                    let Level { recording, band, values, .. } = *level;
+                    let products = [0, 1, 2].map(|_| vec![0.0; n * n]);
+                    out.push(BandGram { recording, band, values, order: n, products });
                 }
-                None => out.push(BandGram {
-                    recording: cell.recording,
-                    band: level(cell.band),
-                    values,
-                    products: gram.products.clone(),
-                }),
+                level.products.put_into(&layer.own, &mut out[k].products, n);
             }
         }
         out
     }
+}
+
+/// The level of a band: all bands have one where the plan is white.
+fn level_of(plan: &Plan) -> impl Fn(usize) -> usize + use<> {
+    let white = plan.white;
+    move |band| if white { 0 } else { band }
 }

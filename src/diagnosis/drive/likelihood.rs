@@ -71,9 +71,9 @@ impl Design {
 
     /// Mean square residual of a band, N2 per value.
     pub(super) fn spread(&self, band: &BandGram, beta: &[f64]) -> Spread {
-        let n = order(band);
+        let n = band.order;
         let c = self.coefficients(beta, n);
-        let used: Vec<usize> = (0..n).filter(|k| c[*k] != 0.0).collect();
+        let used: Vec<usize> = (0..n).filter(|k| c[*k] != 0.0 && band.acts(*k)).collect();
         let quadratic = |kind: usize| {
             let m = &band.products[kind];
             used.iter().map(|i| c[*i] * used.iter().map(|j| m[i * n + j] * c[*j]).sum::<f64>()).sum::<f64>()
@@ -99,7 +99,7 @@ impl Design {
         };
         let [others, motion] = [false, true].map(part);
         let is_idle = |b: &&BandGram| {
-            let needed = Self { target: order(b), ..self.clone() }.spread(b, &motion)[0];
+            let needed = Self { target: b.order, ..self.clone() }.spread(b, &motion)[0];
             self.spread(b, &others)[0].sqrt() > Criteria::STANDARD.idle * needed.sqrt()
         };
         bands.iter().filter(is_idle).map(|b| (b.recording, b.band)).collect()
@@ -233,7 +233,7 @@ impl Design {
         let p = self.columns.len();
         let (mut a, mut b) = (DMatrix::zeros(p, p), DVector::zeros(p));
         for (band, w) in bands.iter().zip(weights) {
-            let n = order(band);
+            let n = band.order;
             let [mm, ms, ss] = &band.products;
             let both = self.sides == 2;
             let at = |i: usize, j: usize| {
@@ -245,11 +245,12 @@ impl Design {
                 }
             };
             // N_rb over the values of the mean: a half, since blocks overlap by half.
-            for (k, i) in self.columns.iter().enumerate() {
-                for (l, j) in self.columns.iter().enumerate().take(k + 1) {
-                    a[(k, l)] += 0.5 * at(*i, *j);
+            let acting: Vec<usize> = (0..p).filter(|k| band.acts(self.columns[*k])).collect();
+            for (place, k) in acting.iter().enumerate() {
+                for l in &acting[..=place] {
+                    a[(*k, *l)] += 0.5 * at(self.columns[*k], self.columns[*l]);
                 }
-                b[k] += 0.5 * at(*i, self.target);
+                b[*k] += 0.5 * at(self.columns[*k], self.target);
             }
         }
         for k in 0..p {
@@ -337,10 +338,6 @@ pub(super) fn weights_of(part: &[BandGram], (all, weights): (&[BandGram], &[Spre
 /// Complex values in all bands, halved for the overlap.
 pub(super) fn values(bands: &[BandGram]) -> f64 {
     0.5 * bands.iter().map(|b| b.values).sum::<f64>()
-}
-
-fn order(band: &BandGram) -> usize {
-    (band.products[0].len() as f64).sqrt().round() as usize
 }
 
 fn determinant(s: Spread) -> f64 {

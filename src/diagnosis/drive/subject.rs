@@ -2,14 +2,14 @@
 
 use super::bank::candidates;
 use super::columns::{DIFFERENCE, TimeColumn};
-use super::evidence::{Asked, Wider, ask, level, price, statistic, wider};
-use super::gram::{Gram, Part};
-use super::laws::position_dependent_force::{Map, Over};
+use super::evidence::{Asked, Wider, ask, ask_within, evaluations, level, price, statistic, wider};
+use super::gram::Gram;
+use super::laws::position_dependent_force::Map;
 use super::laws::{Hypothesis, Shape};
 use super::likelihood::{Design, FREE, values};
 use super::state::{Accepted, Balance, State, stated_mechanics};
 use crate::diagnosis::criteria::Criteria;
-use crate::diagnosis::selection::{Fitted, Screened, Subject, Work};
+use crate::diagnosis::selection::{Fitted, Round, Screened, Subject, Work};
 use crate::diagnosis::two_cores::on_two_cores;
 use crate::plant::effects::{EffectKind, Port};
 use std::sync::Mutex;
@@ -54,28 +54,25 @@ impl<'a> Drive<'a> {
 
     /// Refines the constants of a hypothesis beside a state.
     fn refined(&self, state: &State, start: &Hypothesis, work: &mut Work) -> Option<(Hypothesis, Asked)> {
-        let asked = work.take(1).then(|| ask(self.balance, state, start, false))?;
+        let asked = ask_within(self.balance, state, start, work)?;
         let mut best = Best { balance: self.balance, state: state.clone(), h: *start, asked };
         // On the grid the amplitude made up for a shape of another size. Friction that takes the place of
         // another one begins behind what its forms over speed made up for.
         if best.asked.score < 0.0 && !start.has_dose() && !start.facts().replaces_friction {
             return Some((best.h, best.asked));
         }
-        if let Shape::Map(map) = start.shape {
-            best.finest(map, work);
-            return Some((best.h, best.asked));
-        }
         best.start(work);
         best.shortest_period(work);
+        best.size(work);
         best.edges(work);
         // Laws that are made of the numbers follow them as they move beside the law.
         for _ in 0..PASSES {
             let count = best.h.constants();
-            if count == 0 || !work.take(2 + count as u64) {
+            if count == 0 || !work.take(evaluations(count)) {
                 break;
             }
             best.state = best.state.with_numbers(&best.asked.fit.beta);
-            best.take(best.h, 0.0);
+            best.take(best.h, 0.0, work);
             let before = best.asked.score;
             let moved = self.shape_step(&best).is_some_and(|step| best.step(step, work));
             if !moved || best.asked.score - before < Criteria::STANDARD.converged_nats {
@@ -100,21 +97,15 @@ impl<'a> Drive<'a> {
         most
     }
 
-    /// A state with free functions of the speed and of the way since the axis turned round, where a map over
-    /// position is asked about: in strokes that repeat all three are functions of position, and a map is told
-    /// by what it explains beside the others.
-    fn beside_motion(&self, state: &State, flips: bool, work: &mut Work) -> State {
+    /// A state with further laws, those that say anything.
+    fn beside(&self, state: &State, laws: &[Hypothesis], work: &mut Work) -> State {
         let mut beside = state.clone();
-        for (over, flips) in [(Over::Way, true), (Over::Way, false), (Over::Speed, flips)] {
-            let h = Map::free(over, flips);
-            if !work.take(2) {
-                break;
-            }
-            let asked = ask(self.balance, &beside, &h, false);
+        for h in laws {
+            let Some(asked) = ask_within(self.balance, &beside, h, work) else { break };
             if asked.score > 0.0 {
                 let amplitudes = asked.amplitudes().to_vec();
                 beside = beside.with_numbers(&asked.fit.beta);
-                beside.take_up(self.balance, Accepted::found(h, amplitudes));
+                beside.take_up(self.balance, Accepted::found(*h, amplitudes));
                 beside = beside.rebuilt(self.balance);
             }
         }
@@ -179,7 +170,7 @@ impl<'a> Drive<'a> {
         // The newest was just asked about, beside all of these.
         while k + 1 < state.accepted.len() {
             let law = &state.accepted[k];
-            if law.given.is_some() || !work.take(2 * (1 + law.coefficients() as u64)) {
+            if law.given.is_some() || !work.take(1) {
                 k += 1;
                 continue;
             }
@@ -196,21 +187,45 @@ impl<'a> Drive<'a> {
         state
     }
 
-    /// A wave in place of a force over position that it is: a free form was found beside less than stands,
-    /// and has the price of all its pieces. `None`: no such force, or it is more than a wave.
-    pub(super) fn wave_for_map(&self, state: &State, work: &mut Work) -> Option<Fitted<Hypothesis, State>> {
-        let map = state.accepted.iter().position(|a| a.given.is_none() && a.hypothesis.is_map())?;
-        let mut others = state.clone();
-        others.accepted.remove(map);
-        let others = self.settled(others, PASSES, work);
-        let mut waves = candidates(self.balance, &others);
-        waves.retain(|h| h.effect == EffectKind::PositionPeriodicForce);
-        let fitted = waves.iter().filter_map(|h| self.fit(&others, h, work)).filter(Fitted::qualifies);
-        let best = fitted.max_by(|a, b| a.evidence_nats.total_cmp(&b.evidence_nats))?;
-        let (model, gained) = self.settle(&others, best.model, work);
-        let comparable = model.now.inertial == state.now.inertial;
-        (comparable && gained > best.level_nats && model.gain_nats(state) > 0.0)
-            .then_some(Fitted { model, ..best })
+    /// Another law in place of one that stands, and that one behind it: which of two was taken was told
+    /// beside less than stands now. Asked are, of two positions, the next best of the round in which it was
+    /// taken, which must say more by what a finding needs (of one, an axis without the law that bends its
+    /// spring may be nothing at all); and in place of a force over position, which has the price of all its
+    /// pieces, the waves, which must say more. `None`: none does, or the budget is spent.
+    pub(super) fn exchanged(
+        &self,
+        state: &State,
+        rounds: &[Round<Hypothesis, State>],
+        work: &mut Work,
+    ) -> Option<Vec<Fitted<Hypothesis, State>>> {
+        for (k, law) in state.accepted.iter().enumerate().filter(|(_, law)| law.given.is_none()) {
+            let is_map = law.hypothesis.is_map();
+            let rival =
+                next_best(state, rounds, law).filter(|_| !is_map && self.balance.signals.sides() == 2);
+            if rival.is_none() && !is_map {
+                continue;
+            }
+            let mut others = state.clone();
+            others.accepted.remove(k);
+            let others = self.settled(others, PASSES, work);
+            let waves = if is_map { candidates(self.balance, &others) } else { Vec::new() };
+            let waves = waves.into_iter().filter(|h| h.effect == EffectKind::PositionPeriodicForce);
+            let asked = rival.into_iter().chain(waves);
+            let fitted = asked.filter_map(|h| self.fit(&others, &h, work)).filter(Fitted::qualifies);
+            let Some(best) = fitted.max_by(|a, b| a.evidence_nats.total_cmp(&b.evidence_nats)) else {
+                continue;
+            };
+            let (model, gained) = self.settle(&others, best.model, work);
+            let (more_nats, level_nats) = (model.gain_nats(state), best.level_nats);
+            let comparable = model.now.inertial == state.now.inertial && gained > level_nats;
+            if comparable && more_nats > if is_map { 0.0 } else { level_nats } {
+                let evidence_nats = best.evidence_nats - more_nats;
+                let before =
+                    Fitted { hypothesis: law.hypothesis, model: state.clone(), evidence_nats, ..best };
+                return Some(vec![Fitted { model, ..best }, before]);
+            }
+        }
+        None
     }
 
     /// One step of every shape. `None`: the budget is spent.
@@ -221,7 +236,7 @@ impl<'a> Drive<'a> {
         for k in 0..state.accepted.len() {
             let a = &state.accepted[k];
             if a.is_one_column() && a.given.is_none() {
-                if !work.take(evaluations(a)) {
+                if !work.take(evaluations(a.amplitudes.len())) {
                     return None;
                 }
                 if let Some(amplitudes) = self.amplitudes_beside(&state, k, share) {
@@ -232,8 +247,7 @@ impl<'a> Drive<'a> {
             if a.hypothesis.constants() == 0 || a.is_one_column() {
                 continue;
             }
-            let count = a.hypothesis.constants() as u64;
-            if !work.take(1 + count) {
+            if !work.take(evaluations(a.hypothesis.constants())) {
                 return None;
             }
             if let Some(moved) = self.stepped(&state, k, share) {
@@ -280,9 +294,16 @@ impl<'a> Drive<'a> {
     }
 }
 
-/// Evaluations that a fit of all amplitudes of a law costs.
-fn evaluations(law: &Accepted) -> u64 {
-    1 + u64::try_from(law.amplitudes.len()).unwrap_or(u64::MAX) / 8
+/// What came next to a law in the round in which that was taken, and has not been taken since.
+fn next_best(state: &State, rounds: &[Round<Hypothesis, State>], law: &Accepted) -> Option<Hypothesis> {
+    let name = |h: &Hypothesis| (h.effect, h.port);
+    let takes = |r: &&Round<_, State>, h: &Hypothesis| r.accepted && name(&r.fitted[0].hypothesis) == name(h);
+    let stands = |h: &Hypothesis| {
+        state.accepted.iter().any(|a| name(&a.hypothesis) == name(h)) || rounds.iter().any(|r| takes(&r, h))
+    };
+    let round = rounds.iter().rev().find(|r| takes(r, &law.hypothesis))?;
+    let open = |f: &&Fitted<Hypothesis, State>| f.qualifies() && !stands(&f.hypothesis);
+    round.fitted[1..].iter().find(open).map(|f| f.hypothesis)
 }
 
 /// Takes off a map the mean that something else in the state is: dry friction of one with direction, a load.
@@ -305,29 +326,27 @@ struct Best<'a> {
 }
 
 impl Best<'_> {
-    /// Asks another form, which takes its place where it scores no worse than by `less_nats`.
-    fn take(&mut self, other: Hypothesis, less_nats: f64) -> bool {
-        let asked = ask(self.balance, &self.state, &other, false);
-        let better = asked.score > self.asked.score - less_nats;
-        if better {
+    /// Asks another form, which takes its place where it scores no worse than by `less_nats`; false where it
+    /// does not, or the budget is spent.
+    fn take(&mut self, other: Hypothesis, less_nats: f64, work: &mut Work) -> bool {
+        let asked = ask_within(self.balance, &self.state, &other, work);
+        let better = asked.filter(|asked| asked.score > self.asked.score - less_nats);
+        let is_better = better.is_some();
+        if let Some(asked) = better {
             (self.h, self.asked) = (other, asked);
         }
-        better
+        is_better
     }
 
     /// Price of further constants, nats.
     fn price(&self, constants: usize) -> f64 {
-        price(constants, values(&self.asked.gram.sum(&self.balance.plan, Part::All)))
+        price(constants, values(&self.state.base.all))
     }
 
     /// A step of the logarithms of the constants, taken shorter until it gains.
     fn step(&mut self, mut step: Vec<f64>, work: &mut Work) -> bool {
         for _ in 0..HALVINGS {
-            let next = self.h.moved(&step);
-            if !work.take(1) {
-                break;
-            }
-            if self.take(next, 0.0) {
+            if self.take(self.h.moved(&step), 0.0, work) {
                 return true;
             }
             step.iter_mut().for_each(|s| *s *= 0.4);
@@ -335,37 +354,30 @@ impl Best<'_> {
         false
     }
 
-    /// A map of as many pieces as score best.
-    fn finest(&mut self, map: Map, work: &mut Work) {
-        for finer in map.finer() {
-            if !work.take(u64::try_from(finer.pieces).unwrap_or(1) / 8) {
-                break;
-            }
-            self.take(self.h.by(finer.into()), 0.0);
+    /// As many columns as score best.
+    fn size(&mut self, work: &mut Work) {
+        for shape in self.h.law().sizes(&self.balance.signals) {
+            self.take(self.h.by(shape), 0.0, work);
         }
     }
 
     /// Of two forms with the same constants the better one.
     fn better_form(&mut self, work: &mut Work) {
-        if let Some(twin) = self.h.law().twin().filter(|_| self.balance.signals.sides() == 2)
-            && work.take(1)
-        {
-            self.take(self.h.by(twin), 0.0);
+        if let Some(twin) = self.h.law().twin().filter(|_| self.balance.signals.sides() == 2) {
+            self.take(self.h.by(twin), 0.0, work);
         }
     }
 
     /// The best of several starts, the numbers moved beside each before it is judged.
     fn start(&mut self, work: &mut Work) {
         for shape in self.h.law().starts(self.balance) {
-            if !work.take(3) {
-                break;
-            }
             let next = self.h.by(shape);
-            let mut asked = ask(self.balance, &self.state, &next, false);
-            for _ in 0..2 {
-                asked = ask(self.balance, &self.state.with_numbers(&asked.fit.beta), &next, false);
+            let mut asked = None;
+            for _ in 0..3 {
+                let beside = asked.as_ref().map(|a: &Asked| self.state.with_numbers(&a.fit.beta));
+                asked = ask_within(self.balance, beside.as_ref().unwrap_or(&self.state), &next, work);
             }
-            if asked.score > self.asked.score {
+            if let Some(asked) = asked.filter(|asked| asked.score > self.asked.score) {
                 (self.h, self.asked) = (next, asked);
             }
         }
@@ -376,8 +388,8 @@ impl Best<'_> {
     fn shortest_period(&mut self, work: &mut Work) {
         let harmonic = self.price(2);
         for part in [2.0, 2.0, 3.0] {
-            let Some(shape) = self.h.law().repeated(part).filter(|_| work.take(1)) else { return };
-            self.take(self.h.by(shape), harmonic);
+            let Some(shape) = self.h.law().repeated(part, &self.balance.signals) else { return };
+            self.take(self.h.by(shape), harmonic, work);
         }
     }
 
@@ -393,7 +405,7 @@ impl Best<'_> {
                 while let Some(mut ends) = self.h.window_s() {
                     ends[which] += step;
                     let is_one = ends[1] - ends[0] >= 0.1 && inside(ends[which]);
-                    if !is_one || !work.take(1) || !self.take(self.h.within(ends), 0.0) {
+                    if !is_one || !self.take(self.h.within(ends), 0.0, work) {
                         break;
                     }
                     step *= 1.5;
@@ -404,8 +416,8 @@ impl Best<'_> {
         let price = self.price(1);
         for (which, end_s) in [(0, 0.0), (1, last_s)] {
             let Some(mut ends) = self.h.window_s() else { break };
-            if inside(std::mem::replace(&mut ends[which], end_s)) && work.take(1) {
-                self.take(self.h.within(ends), price);
+            if inside(std::mem::replace(&mut ends[which], end_s)) {
+                self.take(self.h.within(ends), price, work);
             }
         }
     }
@@ -447,8 +459,9 @@ impl Subject for Drive<'_> {
         }
         let asked = on_two_cores(&list, |h| {
             let asked = ask(self.balance, state, h, true);
-            (asked.score, asked.chance)
+            (asked.score, asked.chance, evaluations(asked.amplitudes().len()) - 1)
         });
+        work.spend(asked.iter().map(|a| a.2).sum());
         if let Ok(mut screening) = self.screening.lock() {
             *screening = (list.len(), asked.iter().map(|a| a.1).fold(0.0, f64::max));
         }
@@ -466,9 +479,10 @@ impl Subject for Drive<'_> {
         let mut amplitudes = asked.amplitudes().to_vec();
         let other = self.without_name(state, &h, work);
         evidence_nats = evidence_nats.min(asked.score - other);
-        if let Shape::Map(Map { flips, .. }) = h.shape {
-            let beside = self.beside_motion(state, flips, work);
-            evidence_nats = evidence_nats.min(ask(self.balance, &beside, &h, false).score);
+        let others = h.law().told_beside(&self.balance.signals);
+        if !others.is_empty() {
+            let beside = self.beside(state, &others, work);
+            evidence_nats = evidence_nats.min(ask_within(self.balance, &beside, &h, work)?.score);
         }
         leave_mean(state, &h, &mut amplitudes);
         let mut model = state.with_numbers(&asked.fit.beta);

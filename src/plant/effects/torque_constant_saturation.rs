@@ -2,8 +2,9 @@
 
 use super::{EffectKind, Parameter, Specification};
 
-/// Share that is lost per square of the current, while it is small.
-pub const PER_A2: Parameter = Parameter::constant("per_a2", "1/A2", [1e-5, 1.0]);
+/// Share that is lost per square of the current, while it is small: all of it between a milliampere and ten
+/// kiloampere.
+pub const PER_A2: Parameter = Parameter::constant("per_a2", "1/A2", [1e-8, 1e6]);
 /// 0: K / (1 + b i^2), 1: K (1 - b i^2).
 pub const PARABOLIC: Parameter = Parameter::further("parabolic", "1");
 

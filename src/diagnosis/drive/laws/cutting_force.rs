@@ -4,12 +4,12 @@
 use super::*;
 use crate::plant::effects::cutting_force::{END, FUNDAMENTAL, HARMONICS, PEAK, SPECIFICATION, START};
 use crate::signal::sliding_median::sliding_median;
+use rustfft::num_complex::Complex;
 use std::f64::consts::TAU;
 
-/// Harmonics of a cut.
-const CUT_HARMONICS: usize = 10;
-/// Harmonics whose sum a cut is searched by.
-const SEARCHED_HARMONICS: usize = 4;
+/// Harmonics of a cut: it is searched by the sum of as many as the first, and where these say anything the
+/// others are tried.
+const HARMONICS_TRIED: [usize; 4] = [4, 1, 2, 10];
 
 /// Share of all frequencies that beats may fill: so many cuts are taken for one.
 const BEATS: f64 = 0.05;
@@ -17,7 +17,7 @@ const BEATS: f64 = 0.05;
 pub(super) const EFFECT: Effect = Effect {
     candidates: |search| {
         let whole = [0.0, search.signals.longest_s()];
-        let of_spindle = search.signals.spindle_hz().map(|hz| Cut { hz, window_s: whole });
+        let of_spindle = search.signals.spindle_hz().map(|hz| Cut::searched(hz, whole, search.signals));
         let of_spindle = of_spindle.map(|law| Hypothesis::new(Port::Stage, law));
         of_spindle.into_iter().chain(search.lines().iter().copied()).collect()
     },
@@ -29,6 +29,7 @@ pub(crate) struct Cut {
     pub(crate) hz: f64,
     /// Begin and end, s since the recording began.
     pub(crate) window_s: [f64; 2],
+    harmonics: usize,
 }
 
 /// Frequency with its relative deviation, force with its deviation, and from when to when, both to `sd_s`.
@@ -53,9 +54,49 @@ fn facts() -> Facts {
 }
 
 impl Cut {
-    /// Harmonics up to the highest frequency looked at.
-    fn harmonics(&self, signals: &Signals) -> usize {
-        CUT_HARMONICS.min(((signals.top_hz() / self.hz) as usize).max(1))
+    fn searched(hz: f64, window_s: [f64; 2], signals: &Signals) -> Self {
+        Self { hz, window_s, harmonics: HARMONICS_TRIED[0] }.below(signals.top_hz())
+    }
+
+    /// Without the harmonics above a frequency, the first apart.
+    fn below(self, top_hz: f64) -> Self {
+        Self { harmonics: self.harmonics.min((top_hz / self.hz) as usize).max(1), ..self }
+    }
+
+    /// True where it has a mean: one that lasts for all of the recordings is a load, unless a spindle turns.
+    fn has_mean(&self, signals: &Signals) -> bool {
+        let [start_s, end_s] = self.window_s;
+        start_s > 0.0 || end_s < signals.longest_s() || signals.spindle_hz().is_some()
+    }
+
+    /// Recordings that it has columns of, with their places.
+    fn recordings<'a>(&self, signals: &'a Signals) -> impl Iterator<Item = (usize, &'a Track)> {
+        let [start_s, end_s] = self.window_s;
+        let inside = move |t_s: f64| (start_s..end_s).contains(&t_s);
+        let step = signals.step;
+        let lasts = move |track: &Track| (0..track.thin_count()).any(|j| inside(track.thin_s(j, step)));
+        signals.answering().filter(move |(_, track)| lasts(track))
+    }
+
+    /// True where the drive pushes at the frequency of its strongest harmonic with more than twice its force:
+    /// a loop with usual margins answers to a force by less, and what a command makes of laws that are left
+    /// out is no cut.
+    fn is_driven(&self, ground: &Ground<'_>, amplitudes: &[f64]) -> bool {
+        let s = ground.signals;
+        let harmonics = self.harmonics;
+        let length = 2 * harmonics + usize::from(self.has_mean(s));
+        let sizes = self.recordings(s).zip(amplitudes.chunks_exact(length)).flat_map(|(of, set)| {
+            let waves = set[..2 * harmonics].chunks_exact(2).enumerate();
+            waves.map(move |(h, c)| (of, (h + 1) as f64 * self.hz, c[0].hypot(c[1])))
+        });
+        let Some(((_, track), hz, most_n)) = sizes.max_by(|a, b| a.2.total_cmp(&b.2)) else { return false };
+        let [start_s, end_s] = self.window_s;
+        let thrust = s.thrust(track, ground.path).into_iter().enumerate();
+        let thrust: Vec<(f64, f64)> = thrust
+            .map(|(j, f)| (track.thin_s(j, s.step), f))
+            .filter(|(t_s, _)| (start_s..end_s).contains(t_s))
+            .collect();
+        0.5 * stands_out_n(&thrust, hz) > most_n
     }
 
     /// True where it is what the steps of the encoder beat at the even speed of the middle half of its
@@ -75,6 +116,23 @@ impl Cut {
         let steps_s = (last - first).abs() / (step_m * long_s).max(f64::MIN_POSITIVE);
         is_even && beats((steps_s, long_s), track.rate_hz, self.hz)
     }
+}
+
+/// Amplitude of a line of a force, N, over times, s, more than what is beside it: under a Hann window, of which
+/// four bins away nothing is left of a line, and little of steps.
+///
+/// Checked by: tests::a_line_stands_out_of_friction_and_friction_is_none.
+fn stands_out_n(force: &[(f64, f64)], hz: f64) -> f64 {
+    let (Some(first), Some(last)) = (force.first(), force.last()) else { return 0.0 };
+    let long_s = (last.0 - first.0).max(f64::MIN_POSITIVE);
+    let line_n = |hz: f64| {
+        let of = |(t_s, f): &(f64, f64)| {
+            let window = 0.5 - 0.5 * (TAU * (t_s - first.0) / long_s).cos();
+            Complex::from_polar(window * f, -TAU * hz * t_s)
+        };
+        4.0 * force.iter().map(of).sum::<Complex<f64>>().norm() / force.len() as f64
+    };
+    line_n(hz) - [-4.0, 4.0].map(|bins| line_n(hz + bins / long_s)).into_iter().fold(0.0, f64::max)
 }
 
 /// True for the k-th harmonic of so many steps a second in a log of that rate, |k n - m rate|: the control
@@ -102,45 +160,47 @@ impl Law for Cut {
     }
 
     fn tell(&self, told: &Told<'_>, sheet: &mut Sheet) -> bool {
-        let harmonics = self.harmonics(&told.balance.signals);
-        let peak = peak_of_cut(told.amplitudes, harmonics, told.deviation(0));
+        let signals = &told.balance.signals;
+        let columns = (self.harmonics, self.has_mean(signals));
+        let peak = peak_of_cut(told.amplitudes, columns, told.deviation(0));
         tell(sheet, [self.hz, told.relative(0)], peak, (self.window_s, 0.02));
         true
     }
 
     fn write(&self, _: &Told<'_>, term: &mut PhysicsTerm) {
-        term.push(&HARMONICS, ParameterValue::Number(CUT_HARMONICS as f64));
+        term.push(&HARMONICS, ParameterValue::Number(self.harmonics as f64));
     }
 
     fn constants(&mut self) -> Vec<Free<'_>> {
         vec![Free::of(&mut self.hz, &FUNDAMENTAL)]
     }
 
-    /// What is above all that is looked at is not seen; what the steps of the encoder beat is no cut.
-    fn is_void(&self, ground: &Ground<'_>, _: &[f64]) -> bool {
+    /// What is above all that is looked at is not seen; what the steps of the encoder beat, or the drive
+    /// makes, is no cut.
+    fn is_void(&self, ground: &Ground<'_>, amplitudes: &[f64]) -> bool {
         let s = ground.signals;
-        self.hz > s.top_hz() || s.sides() == 1 && s.tracks.iter().any(|t| self.is_beat(s, t))
+        let is_beat = || s.sides() == 1 && s.tracks.iter().any(|t| self.is_beat(s, t));
+        self.hz > s.top_hz() || is_beat() || self.is_driven(ground, amplitudes)
     }
 
     /// Harmonics and mean in a window; every recording whose thrust answers has columns of its own.
     fn columns(&self, ground: &Ground<'_>, _: Port) -> Option<Vec<TimeColumn>> {
-        let Self { hz, window_s: [start_s, end_s] } = *self;
+        let Self { hz, window_s: [start_s, end_s], .. } = *self;
         let s = ground.signals;
         let inside = |t_s: f64| (start_s..end_s).contains(&t_s);
         let mut out = Vec::new();
-        for (r, track) in s.answering() {
-            if !(0..track.thin_count()).any(|j| inside(track.thin_s(j, s.step))) {
-                continue;
-            }
+        for (r, _) in self.recordings(s) {
             let mut push = |f: &dyn Fn(f64) -> f64| {
                 out.push(ground.in_recording(r, s.last(), |t_s| if inside(t_s) { f(t_s) } else { 0.0 }));
             };
-            for h in 1..=self.harmonics(s) {
+            for h in 1..=self.harmonics {
                 let w = TAU * hz * h as f64;
                 push(&|t| (w * t).sin());
                 push(&|t| (w * t).cos());
             }
-            push(&|_| 1.0);
+            if self.has_mean(s) {
+                push(&|_| 1.0);
+            }
         }
         Some(out)
     }
@@ -149,8 +209,24 @@ impl Law for Cut {
         Some(&mut self.window_s)
     }
 
-    fn repeated(&self, times: f64) -> Option<Shape> {
-        Some(Self { hz: times * self.hz, ..*self }.into())
+    /// Its mean is a load as long as it lasts; where a spindle turns it is the cut's.
+    fn told_beside(&self, signals: &Signals) -> Vec<Hypothesis> {
+        let load = Hypothesis::new(Port::Stage, super::gravity_load::Gravity);
+        signals.spindle_hz().map_or_else(|| vec![load], |_| Vec::new())
+    }
+
+    fn sizes(&self, signals: &Signals) -> Vec<Shape> {
+        let of =
+            |harmonics: &usize| Self { harmonics: *harmonics, ..*self }.below(signals.top_hz()).harmonics;
+        let mut others: Vec<usize> =
+            HARMONICS_TRIED.iter().map(of).filter(|n| *n != self.harmonics).collect();
+        others.sort_unstable();
+        others.dedup();
+        others.into_iter().map(|harmonics| Self { harmonics, ..*self }.into()).collect()
+    }
+
+    fn repeated(&self, times: f64, signals: &Signals) -> Option<Shape> {
+        Some(Self { hz: times * self.hz, ..*self }.below(signals.top_hz()).into())
     }
 }
 
@@ -189,23 +265,22 @@ impl Law for Push {
 ///
 /// A tool that cuts part of the time pushes in pulses: their height is what the machine feels, not the
 /// amplitude of one harmonic.
-fn peak_of_cut(amplitudes: &[f64], harmonics: usize, deviation: f64) -> [f64; 2] {
+fn peak_of_cut(amplitudes: &[f64], (harmonics, has_mean): (usize, bool), deviation: f64) -> [f64; 2] {
     /// Places in a period.
     const PLACES: usize = 360;
     // Sine and cosine of each harmonic, then the mean.
-    let length = 2 * harmonics + 1;
+    let length = 2 * harmonics + usize::from(has_mean);
     let mut most = 0.0_f64;
     for set in amplitudes.chunks_exact(length) {
+        let (waves, mean) = set.split_at(2 * harmonics);
         for place in 0..PLACES {
             let turn = TAU * place as f64 / PLACES as f64;
-            let waves = set[..length - 1].chunks_exact(2).enumerate();
-            let wave: f64 = waves
-                .map(|(h, c)| {
-                    let (sin, cos) = ((h + 1) as f64 * turn).sin_cos();
-                    c[0] * sin + c[1] * cos
-                })
-                .sum();
-            most = most.max((set[length - 1] + wave).abs());
+            let of = |(h, c): (usize, &[f64])| {
+                let (sin, cos) = ((h + 1) as f64 * turn).sin_cos();
+                c[0] * sin + c[1] * cos
+            };
+            let wave: f64 = waves.chunks_exact(2).enumerate().map(of).sum();
+            most = most.max((mean.iter().sum::<f64>() + wave).abs());
         }
     }
     [most, deviation * (length as f64).sqrt()]
@@ -226,7 +301,7 @@ impl Search<'_> {
     }
 
     fn way_of_line(&self, h: &Hypothesis) -> Option<f64> {
-        let Shape::Cut(Cut { hz, window_s: [start_s, end_s] }) = h.shape else { return None };
+        let Shape::Cut(Cut { hz, window_s: [start_s, end_s], .. }) = h.shape else { return None };
         let mut speeds = Vec::new();
         for track in &self.signals.tracks {
             let inside = |j: &usize| (start_s..end_s).contains(&track.thin_s(*j, self.signals.step));
@@ -256,7 +331,7 @@ fn cuts(balance: &Balance, left: &Column) -> Vec<Hypothesis> {
             let ratios: Vec<f64> = power.iter().zip(&floor).map(|(p, f)| p / f.max(1e-300)).collect();
             for k in 3..bins {
                 let of = |h: usize| ratios.get(h * k).map_or(0.0, |r| (r - 1.0).clamp(0.0, 200.0));
-                sums[k] += (1..=SEARCHED_HARMONICS).map(of).sum::<f64>() / blocks.len() as f64;
+                sums[k] += (1..=HARMONICS_TRIED[0]).map(of).sum::<f64>() / blocks.len() as f64;
             }
         }
         let mut order: Vec<usize> = (4..bins - 1).collect();
@@ -280,7 +355,7 @@ fn cut_at(balance: &Balance, x: &[f64], (hz, recording): (f64, usize)) -> Option
     let above: Vec<bool> = sizes.iter().map(|v| *v > 0.5 * plateau).collect();
     let (from, to) = longest_run(&above)?;
     let edge = |c: usize| line.first_s + c as f64 * line.each_s;
-    Some(Hypothesis::new(Port::Stage, Cut { hz: hz + off, window_s: [edge(from), edge(to)] }))
+    Some(Hypothesis::new(Port::Stage, Cut::searched(hz + off, [edge(from), edge(to)], &balance.signals)))
 }
 
 /// Begin and end of the longest stretch of true, single gaps bridged.
@@ -306,7 +381,23 @@ fn longest_run(flags: &[bool]) -> Option<(usize, usize)> {
 
 #[cfg(test)]
 mod tests {
-    use super::beats;
+    use super::{beats, stands_out_n};
+
+    /// A push of 3 N at 12.5 Hz beside friction of 20 N that turns over with strokes of 0.7 s.
+    #[test]
+    fn a_line_stands_out_of_friction_and_friction_is_none() {
+        let of = |line_n: f64| -> Vec<(f64, f64)> {
+            let times = (0..20_000).map(|k| 1e-3 * f64::from(k));
+            let friction_n = |t_s: f64| if ((t_s / 0.7) as u32).is_multiple_of(2) { 20.0 } else { -20.0 };
+            times
+                .map(|t_s| (t_s, friction_n(t_s) + line_n * (std::f64::consts::TAU * 12.5 * t_s).sin()))
+                .collect()
+        };
+        let (with, without) = (stands_out_n(&of(3.0), 12.5), stands_out_n(&of(0.0), 12.5));
+        assert!((with - 3.0).abs() < 0.3, "{with} N");
+        assert!(without < 0.3, "{without} N");
+        assert!(stands_out_n(&[], 12.5) == 0.0);
+    }
 
     /// Three times 5012 1/3 steps a second are 15037: 37 Hz of a log of 1 kHz.
     #[test]

@@ -158,8 +158,13 @@ pub(crate) trait Law {
         Vec::new()
     }
 
+    /// The law in more or fewer columns than it has.
+    fn sizes(&self, _signals: &Signals) -> Vec<Shape> {
+        Vec::new()
+    }
+
     /// The law that repeats that many times as often.
-    fn repeated(&self, _times: f64) -> Option<Shape> {
+    fn repeated(&self, _times: f64, _signals: &Signals) -> Option<Shape> {
         None
     }
 
@@ -171,6 +176,11 @@ pub(crate) trait Law {
     /// Begin and end, s since a recording began, where it lasts for a while.
     fn window_s(&mut self) -> Option<&mut [f64; 2]> {
         None
+    }
+
+    /// Laws that may be what it seems to be: it is told by what it explains beside them.
+    fn told_beside(&self, _signals: &Signals) -> Vec<Hypothesis> {
+        Vec::new()
     }
 
     /// Free functions of the motion that it must explain more than, where there is one position.

@@ -39,11 +39,6 @@ impl Map {
         Hypothesis::new(Port::Stage, Self { pieces: PIECES[0], flips, over })
     }
 
-    /// The same of more and more pieces.
-    pub(crate) fn finer(self) -> impl Iterator<Item = Self> {
-        PIECES[1..].iter().map(move |pieces| Self { pieces: *pieces, ..self })
-    }
-
     /// Its table, two places a piece: first place, spacing, forces.
     fn table(&self, told: &Told<'_>) -> Table {
         let [low, high] = told.balance.signals.travel_m();
@@ -69,6 +64,18 @@ struct Table {
 impl Law for Map {
     fn facts(&self) -> Facts {
         Facts::of(EffectKind::PositionDependentForce, Size::Free, &[])
+    }
+
+    fn sizes(&self, _: &Signals) -> Vec<Shape> {
+        let others = PIECES.iter().filter(|pieces| **pieces != self.pieces);
+        others.map(|pieces| Self { pieces: *pieces, ..*self }.into()).collect()
+    }
+
+    /// In strokes that repeat the speed and the way since the axis turned round are functions of position.
+    fn told_beside(&self, _: &Signals) -> Vec<Hypothesis> {
+        [(Over::Way, true), (Over::Way, false), (Over::Speed, self.flips)]
+            .map(|(over, flips)| Self::free(over, flips))
+            .to_vec()
     }
 
     /// Largest force about its mean: the form is kept, its size is what the last fit tells.

@@ -66,7 +66,7 @@ impl Law for Wave {
         waves(at.x_m, self.wavelength_m)
     }
 
-    fn repeated(&self, times: f64) -> Option<Shape> {
+    fn repeated(&self, times: f64, _: &Signals) -> Option<Shape> {
         Some(Self { wavelength_m: self.wavelength_m / times, ..*self }.into())
     }
 

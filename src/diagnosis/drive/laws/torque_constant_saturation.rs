@@ -9,10 +9,7 @@ pub(super) const EFFECT: Effect = Effect {
         if !search.has_command || !tracks.iter().all(|t| t.reference.is_current) {
             return Vec::new();
         }
-        let amperes = |t: &Track| {
-            t.reference.reference_n.iter().fold(0.0_f64, |m, f| m.max((f / t.reference.per_unit).abs()))
-        };
-        let most = tracks.iter().map(amperes).fold(1e-9, f64::max);
+        let most = most_a(search.signals);
         let of = |bent: f64| {
             let per_a2 = bent / (most * most);
             [0.0, 1.0].map(|parabolic| Hypothesis::new(Port::Current, Saturation { per_a2, parabolic }))
@@ -25,6 +22,14 @@ pub(super) const EFFECT: Effect = Effect {
     },
     ..Effect::of(&SPECIFICATION)
 };
+
+/// Largest current that is commanded, A.
+fn most_a(signals: &Signals) -> f64 {
+    let amperes = |t: &Track| {
+        t.reference.reference_n.iter().fold(0.0_f64, |m, f| m.max((f / t.reference.per_unit).abs()))
+    };
+    signals.tracks.iter().map(amperes).fold(1e-9, f64::max)
+}
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Saturation {
@@ -45,6 +50,11 @@ impl Law for Saturation {
 
     fn constants(&mut self) -> Vec<Free<'_>> {
         vec![Free::of(&mut self.per_a2, &PER_A2)]
+    }
+
+    /// A thrust that turns over is none of a motor.
+    fn is_void(&self, ground: &Ground<'_>, _: &[f64]) -> bool {
+        lost_share(self.per_a2 * most_a(ground.signals).powi(2), self.parabolic) >= 1.0
     }
 
     fn full(&self, at: &At<'_>) -> Vec<Vec<f64>> {
