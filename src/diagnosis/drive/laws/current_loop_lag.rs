@@ -62,9 +62,9 @@ impl Law for CurrentLoop {
             return Vec::new();
         }
         let stated_rad_s = balance.drive.current_loop_bandwidth_rad_s().unwrap_or(f64::INFINITY);
-        let quicker = [1.4, 2.0, 2.8, 4.0].map(|factor| factor * self.rad_s);
-        let slow = quicker.into_iter().filter(|rad_s| *rad_s < stated_rad_s);
-        slow.map(|rad_s| Self { rad_s, ..*self }.into()).collect()
+        let others = [0.25, 0.5, 1.4, 2.0, 2.8, 4.0].map(|factor| factor * self.rad_s);
+        let slower = others.into_iter().filter(|rad_s| *rad_s < stated_rad_s);
+        slower.map(|rad_s| Self { rad_s, ..*self }.into()).collect()
     }
 
     fn move_number(&self, now: &mut Standing, _: &Balance) -> bool {
