@@ -118,8 +118,8 @@ impl Cut {
     }
 }
 
-/// Amplitude of a line of a force, N, over times, s, more than what is beside it: under a Hann window, of which
-/// four bins away nothing is left of a line, and little of steps.
+/// Amplitude of a line of a force, N, over times, s, more than what is beside it: under a Hann window, of
+/// which four bins away nothing is left of a line, and little of steps.
 ///
 /// Checked by: tests::a_line_stands_out_of_friction_and_friction_is_none.
 fn stands_out_n(force: &[(f64, f64)], hz: f64) -> f64 {
