@@ -1,6 +1,7 @@
 //! The most likely numbers of the cut given the periodograms of its blocks, a few bins a sample.
 
 use super::criteria::Criteria;
+use super::foreign::Bin;
 use super::model::{Condition, Cut, Density, PARAMETERS, Parameters, place};
 use super::spectrum::{BandBlocks, REACH};
 use crate::keyframe::{Keep, Words, keep, keep_list};
@@ -62,11 +63,11 @@ pub(super) struct Block {
     pub(super) conditions: [Condition; 2],
     /// N^2/Hz, one a bin.
     pub(super) power: Vec<f64>,
-    /// False where an order of the spindle stands.
-    pub(super) used: Vec<bool>,
+    /// Where a foreign line is expected.
+    pub(super) expected: Vec<bool>,
 }
 
-keep!(Block { conditions, power, used });
+keep!(Block { conditions, power, expected });
 
 /// What a fit does now.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -82,8 +83,10 @@ pub(super) enum Stage {
 
 keep_list!(Stage { Idle, Search, Refine });
 
-/// Starts of a search: three natural frequencies, a standard deviation apart.
-const STARTS: usize = 3;
+/// Starts of a search: three natural frequencies, a standard deviation apart, with every line taken for the
+/// cut's and without.
+const FREQUENCIES: usize = 3;
+const STARTS: usize = 2 * FREQUENCIES;
 /// All of them with process damping this many standard deviations up: there the cut is stable. A root and its
 /// mirror image have one spectrum, and at the axis between them it has no bound: from the stable side the
 /// fit stays there, from the other side it would end at the mirror image.
@@ -101,7 +104,8 @@ const WINDOW: usize = 2 * REACH + 1;
 /// Fisher's scoring of Whittle's likelihood with a Gaussian prior.
 ///
 /// -ln L = share sum_f [I/S + ln S] + 1/2 (x-m)' P^-1 (x-m),  S the model smeared as the window smears
-/// information = P^-1 + share sum R R',  gradient = share sum R (I/S - 1) - P^-1 (x-m),  R = d ln S/dx
+/// information = P^-1 + share sum R R',  gradient = share sum R (I/S - 1) - P^-1 (x-m),  R = d ln S/dx,
+/// both where no foreign line stands; where one may, see [`Bin`].
 ///
 /// Source: Whittle 1953; Kay, Statistical Signal Processing I, 3.11; the cut-method note, section 3.
 /// Checked by: `the_margin_is_the_decay_of_the_vibration`, `a_cut_under_noise_is_not_heard` (suite).
@@ -208,9 +212,14 @@ impl Fit {
     fn starting_point(&self) -> Parameters {
         let mut at = self.prior.mean;
         let deviation = self.longest / LONGEST_STEP;
-        at[place::CLAMP] += deviation[place::CLAMP] * (self.start as f64 - 1.0);
+        at[place::CLAMP] += deviation[place::CLAMP] * ((self.start % FREQUENCIES) as f64 - 1.0);
         at[place::PROCESS] += deviation[place::PROCESS] * DAMPED_START;
         at
+    }
+
+    /// Whether the first steps from this start take every line for the cut's.
+    fn takes_all(&self) -> bool {
+        self.stage == Stage::Search && self.start < FREQUENCIES && self.step < SEARCH_STEPS / 2
     }
 
     fn clear(&mut self) {
@@ -238,9 +247,7 @@ impl Fit {
                 self.window[half] = self.density(band.half_bin_hz(from));
             }
         }
-        if block.used[self.bin] {
-            self.take(block.power[self.bin], band.leakage());
-        }
+        self.take(block.power[self.bin], block.expected[self.bin], band.leakage());
         self.bin += 1;
         if self.bin == band.bins {
             (self.bin, self.block) = (0, self.block + 1);
@@ -262,7 +269,7 @@ impl Fit {
     }
 
     /// One bin's part of information, gradient and likelihood.
-    fn take(&mut self, power: f64, leakage: &[f64; REACH + 1]) {
+    fn take(&mut self, power: f64, expected: bool, leakage: &[f64; REACH + 1]) {
         let (mut total, mut by) = (0.0, Parameters::zeros());
         for (i, density) in self.window.iter().enumerate() {
             let weight = leakage[i.abs_diff(REACH)];
@@ -272,9 +279,12 @@ impl Fit {
         let share = Criteria::DEFAULT.bin_share;
         let relative = by / total;
         let over = power / total;
-        self.gradient += relative * (share * (over - 1.0));
-        self.information.ger(share, &relative, &relative, 1.0);
-        self.likelihood -= share * (over + total.ln());
+        let bin = Bin::new(over, expected);
+        self.likelihood += share * (bin.nats - total.ln());
+        // From a spectrum that is far too low all of a line looks foreign.
+        let (score, own) = if self.takes_all() { (over - 1.0, 1.0) } else { (bin.score, bin.own) };
+        self.gradient += relative * (share * score);
+        self.information.ger(share * own, &relative, &relative, 1.0);
     }
 
     fn end_step(&mut self) -> Option<Gaussian> {

@@ -20,6 +20,7 @@
 mod conditions;
 mod criteria;
 mod fit;
+mod foreign;
 mod judge;
 mod knowledge;
 mod model;

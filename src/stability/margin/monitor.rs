@@ -186,7 +186,7 @@ impl MarginMonitor {
         let block = Block {
             conditions: [Condition::default(); 2],
             power: vec![0.0; self.band.bins],
-            used: vec![true; self.band.bins],
+            expected: vec![false; self.band.bins],
         };
         MarginState {
             band: self.band.start(),
@@ -336,7 +336,7 @@ impl MarginMonitor {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a tenth of a second")]
         let wait = (self.criteria.entry_s * self.settings.sample_rate.hz()) as usize;
         state.until_cut = wait.max(1) + state.lag;
-        state.noise = self.band.air_noise(&state.band).unwrap_or_default();
+        state.noise = self.band.air_noise(&mut state.band).unwrap_or_default();
         state.deviations = CutPrior::deviations(conditions, self.settings.pushes, &self.criteria);
     }
 
@@ -417,7 +417,7 @@ impl MarginMonitor {
         }
         let conditions = state.slices.travelled().map(|means| self.condition(state, &means));
         state.blocks[place].conditions = conditions;
-        self.leave_orders_out(&mut state.blocks[place]);
+        self.expect_lines(&mut state.blocks[place], &state.band);
         let longest = Parameters::from(state.deviations);
         if joint {
             let prior = Gaussian::independent(self.settings.prior.means(), &state.deviations);
@@ -440,31 +440,15 @@ impl MarginMonitor {
         state.per_sample = per_sample.max(1);
     }
 
-    /// Bins at which an order of the spindle stands out of its neighbours teach nothing of the cut.
-    fn leave_orders_out(&self, block: &mut Block) {
-        const LOBE: usize = 2;
-        const NEIGHBOURS: usize = 8;
-        block.used.fill(true);
-        let (first_hz, bin_hz) = (self.band.half_bin_hz(0), self.band.bin_hz());
-        let bins = self.band.bins;
-        let mut order = (first_hz * block.conditions[0].turn_s).ceil();
-        loop {
-            let place = ((order / block.conditions[0].turn_s - first_hz) / bin_hz).round();
-            if !(0.0..bins as f64).contains(&place) {
-                break;
-            }
-            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "in the list")]
-            let at = place as usize;
-            let lobe = at.saturating_sub(LOBE)..(at + LOBE + 1).min(bins);
-            let around = at.saturating_sub(NEIGHBOURS)..(at + NEIGHBOURS + 1).min(bins);
-            let outside = (around.len() - lobe.len()).max(1) as f64;
-            let sum = |range: std::ops::Range<usize>| block.power[range].iter().sum::<f64>();
-            let level = (sum(around) - sum(lobe.clone())) / outside;
-            let peak = block.power[lobe.clone()].iter().copied().fold(0.0, f64::max);
-            if peak > self.criteria.order_over_neighbours * level {
-                block.used[lobe].fill(false);
-            }
-            order += 1.0;
+    /// Foreign lines are expected at orders of the spindle, whose lobe has five bins, and where one stood in
+    /// air.
+    fn expect_lines(&self, block: &mut Block, air: &BandState) {
+        const LOBE: f64 = 2.5;
+        let turn_s = block.conditions[0].turn_s;
+        for (bin, expected) in block.expected.iter_mut().enumerate() {
+            let order = self.band.half_bin_hz(2 * bin as i64) * turn_s;
+            let from_order_hz = (order - order.round()).abs() / turn_s;
+            *expected = from_order_hz <= LOBE * self.band.bin_hz() || self.band.is_line_of_air(air, bin);
         }
     }
 

@@ -1,6 +1,7 @@
 //! The band of the force in blocks, their periodograms, and the noise of the band in air.
 
 use super::conditions::{SLICES, TOLD};
+use super::foreign::Bin;
 use super::model::Noise;
 use crate::signal::down_mix::{DownMix, DownMixState};
 use crate::units::SampleRate;
@@ -108,28 +109,32 @@ pub(super) struct BandState {
     loud: f64,
     air: Vec<f64>,
     pub(super) air_count: f64,
+    /// Where a line stood in air, as [`BandBlocks::air_noise`] found it last.
+    lines: Vec<bool>,
     work: Work,
 }
 
 impl crate::keyframe::Keep for BandState {
     fn keep(&self, to: &mut Vec<u64>) {
-        let Self { mix, ring, end, until_slice, loudest, loud, air, air_count, work: _ } = self;
+        let Self { mix, ring, end, until_slice, loudest, loud, air, air_count, lines, work: _ } = self;
         mix.keep(to);
         ring.keep(to);
         [end, until_slice].into_iter().for_each(|n| n.keep(to));
         loudest.keep(to);
         [loud, air_count].into_iter().for_each(|x| x.keep(to));
         air.keep(to);
+        lines.keep(to);
     }
 
     fn restore(&mut self, from: &mut crate::keyframe::Words<'_>) -> Option<()> {
-        let Self { mix, ring, end, until_slice, loudest, loud, air, air_count, work: _ } = self;
+        let Self { mix, ring, end, until_slice, loudest, loud, air, air_count, lines, work: _ } = self;
         mix.restore(from)?;
         ring.restore(from)?;
         [&mut *end, &mut *until_slice].into_iter().try_for_each(|n| n.restore(from))?;
         loudest.restore(from)?;
         [loud, air_count].into_iter().try_for_each(|x| x.restore(from))?;
         air.restore(from)?;
+        lines.restore(from)?;
         (*end < ring.len() && *until_slice > 0).then_some(())
     }
 }
@@ -182,6 +187,7 @@ impl BandBlocks {
             loud: 0.0,
             air: vec![0.0; self.quarter_bins],
             air_count: 0.0,
+            lines: vec![false; self.quarter_bins],
             work: Work { buffer: vec![none; length], scratch: vec![none; scratch] },
         }
     }
@@ -273,32 +279,44 @@ impl BandBlocks {
         }
     }
 
-    /// Straight line of ln S through what air taught: three steps of Fisher's scoring from the mean.
-    pub(super) fn air_noise(&self, state: &BandState) -> Option<Noise> {
-        let count = self.quarter_bins as f64;
-        let mean = state.air.iter().sum::<f64>() / count;
-        if state.air_count < 1.0 {
+    /// Straight line of ln S through what air taught, beside the lines that stand in it: steps of Fisher's
+    /// scoring from the mean of ln S, which lines hardly move.
+    pub(super) fn air_noise(&self, state: &mut BandState) -> Option<Noise> {
+        const STEPS: usize = 6;
+        let BandState { air, lines, air_count, .. } = state;
+        lines.fill(false);
+        if *air_count < 1.0 {
             return None;
         }
-        if mean <= 0.0 {
+        if air.iter().sum::<f64>() <= 0.0 {
             // A simulated force that is exactly zero in air: no noise at all.
             return Some(Noise { level: f64::MIN_POSITIVE.ln(), slope: 0.0, middle_hz: self.middle_hz });
         }
         let step = 4.0 * self.bin_hz() / 100.0;
         let offset = |i: usize| (self.quarter_first as f64 + i as f64) * step;
-        let squares: f64 = (0..self.quarter_bins).map(|i| offset(i).powi(2)).sum();
-        let (mut level, mut slope) = (mean.ln(), 0.0);
-        for _ in 0..3 {
-            let (mut by_level, mut by_slope) = (0.0, 0.0);
-            for (i, power) in state.air.iter().enumerate() {
-                let over = power / (level + slope * offset(i)).exp() - 1.0;
-                by_level += over;
-                by_slope += over * offset(i);
+        let logs = air.iter().map(|power| power.max(f64::MIN_POSITIVE).ln());
+        let (mut level, mut slope) = (logs.sum::<f64>() / air.len() as f64, 0.0);
+        for _ in 0..STEPS {
+            let (mut by_level, mut by_slope, mut count, mut squares) = (0.0, 0.0, 0.0, f64::MIN_POSITIVE);
+            for (i, (power, line)) in air.iter().zip(&mut *lines).enumerate() {
+                let bin = Bin::new(power / (level + slope * offset(i)).exp(), false);
+                by_level += bin.score;
+                by_slope += bin.score * offset(i);
+                count += bin.own;
+                squares += bin.own * offset(i).powi(2);
+                *line = bin.own < 0.5;
             }
-            level += by_level / count;
-            slope += by_slope / squares.max(f64::MIN_POSITIVE);
+            level += by_level / count.max(1.0);
+            slope += by_slope / squares;
         }
         Some(Noise { level, slope, middle_hz: self.middle_hz })
+    }
+
+    /// Whether a line stood in air where a bin of a block is.
+    pub(super) fn is_line_of_air(&self, state: &BandState, bin: usize) -> bool {
+        let quarter = (self.first + bin as i64).div_euclid(4) - self.quarter_first;
+        let beside = [quarter, quarter + 1].map(usize::try_from);
+        beside.into_iter().flatten().any(|k| state.lines.get(k).is_some_and(|line| *line))
     }
 }
 
