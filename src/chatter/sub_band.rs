@@ -290,9 +290,10 @@ impl SubBand {
         let tools = match (now.mean, Self::cuts(state, now), state.left) {
             (MeanForce::Absent, ..) if noise == Knowledge::Nothing => return None,
             (_, true, _) => Tools::Cutting,
-            (_, false, true) => Tools::Left,
+            (MeanForce::Absent, false, true) => Tools::Left,
             (MeanForce::Absent, false, false) => Tools::Untold,
-            (_, false, false) => Tools::Unseen,
+            // Those that were seen to leave may be back in a cut that is shallow beside the noise.
+            (_, false, _) => Tools::Unseen,
         };
         Some(Context {
             levels: self.levels,
