@@ -218,6 +218,24 @@ fn chatter_that_grows_before_any_noise_is_known_is_heard() {
     }
 }
 
+/// A finishing pass after a deep one: its force is within the noise, so nothing tells of its entry.
+#[test]
+fn chatter_in_a_cut_too_shallow_to_be_seen_is_heard() {
+    let mean = |t: f64| match t {
+        1.0..4.0 => 100.0 * ((t - 1.0) * TURN_HZ).min(1.0),
+        6.0.. => 3.0 * ((t - 6.0) * 2.0).min(1.0),
+        _ => 0.0,
+    };
+    for growth_1_s in [10.0, 20.0] {
+        let grown = |t: f64| if t > 8.0 { (0.05 * (growth_1_s * (t - 8.0)).exp()).min(5.0) } else { 0.0 };
+        let found = hear(0.0, MeanForce::Whole, |t| mean(t) + grown(t) * line(t, 651.3));
+        let [(onset_s, ChatterEvent::Onset(heard))] = found[..] else { panic!("{growth_1_s} {found:?}") };
+        let loud_s = 8.0 + (5.0f64 / 0.05).ln() / growth_1_s;
+        assert!((8.0..loud_s + 0.3).contains(&onset_s), "{onset_s} {loud_s}");
+        assert!((heard.frequency_hz - 651.3).abs() < 3.0, "{heard:?}");
+    }
+}
+
 /// A tool only pushes: where it does not, a line is not its.
 #[test]
 fn a_line_without_a_cutting_force_is_not_chatter() {
