@@ -333,6 +333,7 @@ impl ChatterMonitor {
             learns: !state.decision.alarm && state.lambda < CRITERIA.hold,
             alarm: state.decision.alarm,
             mean: if state.mean_tells { self.settings.mean } else { MeanForce::Absent },
+            has_mean: self.settings.mean != MeanForce::Absent,
             mean_n: state.level.reached_n(),
             sensor_n2: state.outliers.noise_n2(),
         };

@@ -290,9 +290,8 @@ impl SubBand {
         let tools = match (now.mean, Self::cuts(state, now), state.left) {
             (MeanForce::Absent, ..) if noise == Knowledge::Nothing => return None,
             (_, true, _) => Tools::Cutting,
-            (MeanForce::Absent, false, true) => Tools::Left,
-            (MeanForce::Absent, false, false) => Tools::Untold,
-            // Those that were seen to leave may be back in a cut that is shallow beside the noise.
+            (MeanForce::Absent, false, true) if !now.has_mean => Tools::Left,
+            (MeanForce::Absent, false, _) => Tools::Untold,
             (_, false, _) => Tools::Unseen,
         };
         Some(Context {

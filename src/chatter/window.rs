@@ -57,8 +57,10 @@ pub(super) struct Conditions {
     pub(super) learns: bool,
     /// Whether a line stands declared: it needs no proof but its power.
     pub(super) alarm: bool,
-    /// Whether and how the mean force tells of the cut.
+    /// Whether and how the mean force tells of the cut now.
     pub(super) mean: MeanForce,
+    /// Whether the series has a mean that tells at other times.
+    pub(super) has_mean: bool,
     /// Mean force of the cut, N.
     pub(super) mean_n: f64,
     /// Mean square of the sensor's noise, N^2.
@@ -83,9 +85,9 @@ pub(super) enum Tools {
     Untold,
     /// In the cut.
     Cutting,
-    /// They were seen to leave it.
+    /// Of an acceleration, which has no mean: it fell at once, and nothing rose since.
     Left,
-    /// Nothing was seen of them yet.
+    /// None is seen in it: not yet, or they left, and may be back in a cut that is shallow beside the noise.
     Unseen,
 }
 

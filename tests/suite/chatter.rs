@@ -236,6 +236,19 @@ fn chatter_in_a_cut_too_shallow_to_be_seen_is_heard() {
     }
 }
 
+/// After a cut in which the tools were seen a tone of another machine is switched on.
+#[test]
+fn a_tone_in_air_after_a_cut_is_no_chatter() {
+    let mean = |t: f64| if (1.0..4.0).contains(&t) { 100.0 * ((t - 1.0) * TURN_HZ).min(1.0) } else { 0.0 };
+    for kind in [MeanForce::Whole, MeanForce::OverAir] {
+        for most_n in [0.5, 1.0, 4.0] {
+            let tone = |t: f64| most_n * ((t - 8.0) / 0.005).clamp(0.0, 1.0) * line(t, 651.3);
+            let found = hear(0.0, kind, |t| mean(t) + tone(t));
+            assert!(found.is_empty(), "{kind:?} {most_n} N: {found:?}");
+        }
+    }
+}
+
 /// A tool only pushes: where it does not, a line is not its.
 #[test]
 fn a_line_without_a_cutting_force_is_not_chatter() {

@@ -2,13 +2,17 @@
 
 use crate::diagnosis::criteria::Criteria;
 use crate::plant::effects::EffectKind;
+use statrs::function::erf::erf;
+use std::f64::consts::PI;
 
 /// Forms in which parts of dry friction may turn beside tanh(v / v_s), u = v / v_s: the algebraic step
-/// u / (1 + u^2)^(1/2), the other smooth one in use, and one that turns later, tanh(u / 3).
+/// u / (1 + u^2)^(1/2), the other smooth one in use, one that turns later, tanh(u / 3), and one that is there
+/// sooner, erf of the same slope.
 ///
 /// Dry friction grows with speed up to its level, and nobody states in what form: F (tanh + sum w_k (step_k -
 /// tanh)), w_k >= 0. The level is that of the number; a bump at low speed is none of these.
-pub(super) const TURNING: [fn(f64) -> f64; 2] = [|u| u / u.hypot(1.0), |u| (u / 3.0).tanh()];
+pub(super) const TURNING: [fn(f64) -> f64; 3] =
+    [|u| u / u.hypot(1.0), |u| (u / 3.0).tanh(), |u| erf(0.5 * PI.sqrt() * u)];
 
 /// Key of the inertia of all that turns.
 pub(super) const INERTIA: &str = "rotary_inertia_kg_m2";

@@ -33,9 +33,9 @@ pub(super) struct Criteria {
     /// that slips under its new load: random vibration, however slowly it dies out, falls so far in one of
     /// 10 000 blocks.
     pub(super) fall: f64,
-    /// Odds of a foreign line in a bin, over the length of the scale of factors by which it is above the cut
-    /// (six decades, 13.8): one bin in a hundred, and where one is expected one in two.
-    pub(super) foreign_odds: [f64; 2],
+    /// Odds of interference in a bin, over the length of the scale of factors by which it is above the cut
+    /// (six decades, 13.8): one bin in a hundred, and where it is expected one in two.
+    pub(super) interference_odds: [f64; 2],
     /// Of one number over one second of cutting, by random walk; in the order of the parameters.
     pub(super) drift: [f64; PARAMETERS],
     /// What is known of one number before anything is heard, in the same order.
@@ -77,7 +77,7 @@ impl Criteria {
         change_in_block: 0.3,
         linear_swing: 0.75,
         fall: 10.0,
-        foreign_odds: [0.01 / 0.99 / 13.8, 1.0 / 13.8],
+        interference_odds: [0.01 / 0.99 / 13.8, 1.0 / 13.8],
         drift: [0.01, 0.002, 0.0003, 0.03, 0.0, 0.0, 0.01, 0.05, 0.01],
         known: [0.14, 0.22, 0.0095, 0.42, 1e-4, 1e-4, 0.28, 1.5, 0.1],
         unknown_position: 0.3,

@@ -1,7 +1,7 @@
 //! The most likely numbers of the cut given the periodograms of its blocks, a few bins a sample.
 
 use super::criteria::Criteria;
-use super::foreign::Bin;
+use super::interference::Bin;
 use super::model::{Condition, Cut, Density, PARAMETERS, Parameters, place};
 use super::spectrum::{BandBlocks, REACH};
 use crate::keyframe::{Keep, Words, keep, keep_list};
@@ -63,7 +63,7 @@ pub(super) struct Block {
     pub(super) conditions: [Condition; 2],
     /// N^2/Hz, one a bin.
     pub(super) power: Vec<f64>,
-    /// Where a foreign line is expected.
+    /// Where interference is expected.
     pub(super) expected: Vec<bool>,
 }
 
@@ -105,7 +105,9 @@ const WINDOW: usize = 2 * REACH + 1;
 ///
 /// -ln L = share sum_f [I/S + ln S] + 1/2 (x-m)' P^-1 (x-m),  S the model smeared as the window smears
 /// information = P^-1 + share sum R R',  gradient = share sum R (I/S - 1) - P^-1 (x-m),  R = d ln S/dx,
-/// both where no foreign line stands; where one may, see [`Bin`].
+/// both where nothing else stands in a bin; where it may, see [`Bin`], whose probability that nothing does
+/// weighs R R' by its square: that a bin is not known to be the cut's takes 0.96 and 0.49 to 0.64 of it where nothing
+/// else stands, and the square 1.00 and 0.77.
 ///
 /// Source: Whittle 1953; Kay, Statistical Signal Processing I, 3.11; the cut-method note, section 3.
 /// Checked by: `the_margin_is_the_decay_of_the_vibration`, `a_cut_under_noise_is_not_heard` (suite).
@@ -280,17 +282,18 @@ impl Fit {
         let relative = by / total;
         let over = power / total;
         let bin = Bin::new(over, expected);
-        self.likelihood += share * (bin.nats - total.ln());
-        // From a spectrum that is far too low all of a line looks foreign.
+        self.likelihood += share * (bin.nats() - total.ln());
+        // Beside a spectrum that is far too low all of a line looks like interference.
         let (score, own) = if self.takes_all() { (over - 1.0, 1.0) } else { (bin.score, bin.own) };
         self.gradient += relative * (share * score);
-        self.information.ger(share * own, &relative, &relative, 1.0);
+        self.information.ger(share * own * own, &relative, &relative, 1.0);
     }
 
     fn end_step(&mut self) -> Option<Gaussian> {
         if self.likelihood > self.best_likelihood || self.stage == Stage::Refine {
             (self.best, self.best_likelihood) = (self.at, self.likelihood);
         }
+        let plain = self.takes_all();
         self.step += 1;
         let solved = self.information.cholesky().map(|c| (c.solve(&self.gradient), c.inverse()));
         let settled = if let Some((mut step, covariance)) = solved {
@@ -303,7 +306,10 @@ impl Fit {
         } else {
             true
         };
-        if self.step < self.steps && !settled {
+        if plain && settled {
+            self.step = SEARCH_STEPS / 2;
+        }
+        if self.step < self.steps && (plain || !settled) {
             self.clear();
             return None;
         }

@@ -20,7 +20,7 @@
 mod conditions;
 mod criteria;
 mod fit;
-mod foreign;
+mod interference;
 mod judge;
 mod knowledge;
 mod model;

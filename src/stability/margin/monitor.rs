@@ -244,8 +244,9 @@ impl MarginMonitor {
 
     /// One sample; true when the margin begins to run out.
     ///
-    /// Cost: two stores and six sums a sample, a transform of 1600 points a second, and what is worked at:
-    /// a bin of the spectrum (0.5 us) or a point of the posterior (3 us) a sample, a quarter of the time.
+    /// Cost: two stores and six sums a sample, a transform of 1600 points a second, and what is worked at: some
+    /// bins of the spectrum (0.5 us each; up to 25 in the third second of a cut, one later) or a point of the
+    /// posterior (3 us) a sample.
     pub fn step(&self, state: &mut MarginState, force_n: f64, conditions: &CutConditions) -> bool {
         state.chatters = conditions.chatter;
         let whole = self.band.push(&mut state.band, force_n);
@@ -336,7 +337,7 @@ impl MarginMonitor {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a tenth of a second")]
         let wait = (self.criteria.entry_s * self.settings.sample_rate.hz()) as usize;
         state.until_cut = wait.max(1) + state.lag;
-        state.noise = self.band.air_noise(&mut state.band).unwrap_or_default();
+        state.noise = self.band.air_noise(&state.band).unwrap_or_default();
         state.deviations = CutPrior::deviations(conditions, self.settings.pushes, &self.criteria);
     }
 
@@ -417,7 +418,7 @@ impl MarginMonitor {
         }
         let conditions = state.slices.travelled().map(|means| self.condition(state, &means));
         state.blocks[place].conditions = conditions;
-        self.expect_lines(&mut state.blocks[place], &state.band);
+        self.expect_interference(&mut state.blocks[place], &state.band);
         let longest = Parameters::from(state.deviations);
         if joint {
             let prior = Gaussian::independent(self.settings.prior.means(), &state.deviations);
@@ -440,9 +441,9 @@ impl MarginMonitor {
         state.per_sample = per_sample.max(1);
     }
 
-    /// Foreign lines are expected at orders of the spindle, whose lobe has five bins, and where one stood in
-    /// air.
-    fn expect_lines(&self, block: &mut Block, air: &BandState) {
+    /// Interference is expected at orders of the spindle and where a line stood in air.
+    fn expect_interference(&self, block: &mut Block, air: &BandState) {
+        // Bins of the window's main lobe to each side, and half of one in which its middle may lie.
         const LOBE: f64 = 2.5;
         let turn_s = block.conditions[0].turn_s;
         for (bin, expected) in block.expected.iter_mut().enumerate() {

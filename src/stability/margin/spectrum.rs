@@ -1,7 +1,7 @@
 //! The band of the force in blocks, their periodograms, and the noise of the band in air.
 
 use super::conditions::{SLICES, TOLD};
-use super::foreign::Bin;
+use super::interference::Bin;
 use super::model::Noise;
 use crate::signal::down_mix::{DownMix, DownMixState};
 use crate::units::SampleRate;
@@ -109,31 +109,35 @@ pub(super) struct BandState {
     loud: f64,
     air: Vec<f64>,
     pub(super) air_count: f64,
-    /// Where a line stood in air, as [`BandBlocks::air_noise`] found it last.
+    /// Noise of air in the middle of the band and its change in 100 Hz, ln of N^2/Hz, and where a line stands
+    /// over it.
+    air_noise: [f64; 2],
     lines: Vec<bool>,
     work: Work,
 }
 
 impl crate::keyframe::Keep for BandState {
     fn keep(&self, to: &mut Vec<u64>) {
-        let Self { mix, ring, end, until_slice, loudest, loud, air, air_count, lines, work: _ } = self;
+        let Self { mix, ring, end, until_slice, loudest, loud, air, air_count, air_noise, lines, work: _ } = self;
         mix.keep(to);
         ring.keep(to);
         [end, until_slice].into_iter().for_each(|n| n.keep(to));
         loudest.keep(to);
         [loud, air_count].into_iter().for_each(|x| x.keep(to));
         air.keep(to);
+        air_noise.keep(to);
         lines.keep(to);
     }
 
     fn restore(&mut self, from: &mut crate::keyframe::Words<'_>) -> Option<()> {
-        let Self { mix, ring, end, until_slice, loudest, loud, air, air_count, lines, work: _ } = self;
+        let Self { mix, ring, end, until_slice, loudest, loud, air, air_count, air_noise, lines, work: _ } = self;
         mix.restore(from)?;
         ring.restore(from)?;
         [&mut *end, &mut *until_slice].into_iter().try_for_each(|n| n.restore(from))?;
         loudest.restore(from)?;
         [loud, air_count].into_iter().try_for_each(|x| x.restore(from))?;
         air.restore(from)?;
+        air_noise.restore(from)?;
         lines.restore(from)?;
         (*end < ring.len() && *until_slice > 0).then_some(())
     }
@@ -187,6 +191,7 @@ impl BandBlocks {
             loud: 0.0,
             air: vec![0.0; self.quarter_bins],
             air_count: 0.0,
+            air_noise: [0.0; 2],
             lines: vec![false; self.quarter_bins],
             work: Work { buffer: vec![none; length], scratch: vec![none; scratch] },
         }
@@ -277,46 +282,48 @@ impl BandBlocks {
         for (mean, now) in state.air.iter_mut().zip(piece) {
             *mean += (*now - *mean) / state.air_count;
         }
+        self.fit_air(state);
     }
 
-    /// Straight line of ln S through what air taught, beside the lines that stand in it: steps of Fisher's
-    /// scoring from the mean of ln S, which lines hardly move.
-    pub(super) fn air_noise(&self, state: &mut BandState) -> Option<Noise> {
-        const STEPS: usize = 6;
-        let BandState { air, lines, air_count, .. } = state;
-        lines.fill(false);
-        if *air_count < 1.0 {
-            return None;
-        }
-        if air.iter().sum::<f64>() <= 0.0 {
-            // A simulated force that is exactly zero in air: no noise at all.
-            return Some(Noise { level: f64::MIN_POSITIVE.ln(), slope: 0.0, middle_hz: self.middle_hz });
-        }
+    /// Straight line of ln S through what air taught, beside the lines that stand in it: from the mean of
+    /// ln S, which lines hardly move, two steps of Fisher's scoring with each piece of air.
+    fn fit_air(&self, state: &mut BandState) {
+        let BandState { air, air_noise, lines, air_count, .. } = state;
         let step = 4.0 * self.bin_hz() / 100.0;
         let offset = |i: usize| (self.quarter_first as f64 + i as f64) * step;
-        let logs = air.iter().map(|power| power.max(f64::MIN_POSITIVE).ln());
-        let (mut level, mut slope) = (logs.sum::<f64>() / air.len() as f64, 0.0);
-        for _ in 0..STEPS {
-            let (mut by_level, mut by_slope, mut count, mut squares) = (0.0, 0.0, 0.0, f64::MIN_POSITIVE);
+        if *air_count <= 1.0 {
+            let logs = air.iter().map(|power| power.max(f64::MIN_POSITIVE).ln());
+            *air_noise = [logs.sum::<f64>() / air.len() as f64, 0.0];
+        }
+        let [level, slope] = air_noise;
+        for _ in 0..2 {
+            let (mut by_level, mut by_slope, mut count, mut squares) = (0.0, 0.0, 1.0, step * step);
             for (i, (power, line)) in air.iter().zip(&mut *lines).enumerate() {
-                let bin = Bin::new(power / (level + slope * offset(i)).exp(), false);
+                let noise = (*level + *slope * offset(i)).exp().max(f64::MIN_POSITIVE);
+                let bin = Bin::new(power / noise, false);
                 by_level += bin.score;
                 by_slope += bin.score * offset(i);
                 count += bin.own;
                 squares += bin.own * offset(i).powi(2);
                 *line = bin.own < 0.5;
             }
-            level += by_level / count.max(1.0);
-            slope += by_slope / squares;
+            *level += by_level / count;
+            *slope += by_slope / squares;
         }
-        Some(Noise { level, slope, middle_hz: self.middle_hz })
+        // A simulated force is exactly zero in air.
+        *level = level.max(f64::MIN_POSITIVE.ln());
     }
 
-    /// Whether a line stood in air where a bin of a block is.
+    /// Noise of air, where there was any.
+    pub(super) fn air_noise(&self, state: &BandState) -> Option<Noise> {
+        let [level, slope] = state.air_noise;
+        (state.air_count >= 1.0).then_some(Noise { level, slope, middle_hz: self.middle_hz })
+    }
+
+    /// Whether a line stood in air where a bin of a block is: in the bin of a quarter block next to it.
     pub(super) fn is_line_of_air(&self, state: &BandState, bin: usize) -> bool {
-        let quarter = (self.first + bin as i64).div_euclid(4) - self.quarter_first;
-        let beside = [quarter, quarter + 1].map(usize::try_from);
-        beside.into_iter().flatten().any(|k| state.lines.get(k).is_some_and(|line| *line))
+        let quarter = (self.first + bin as i64 + 2).div_euclid(4) - self.quarter_first;
+        usize::try_from(quarter).is_ok_and(|k| state.lines.get(k) == Some(&true))
     }
 }
 
