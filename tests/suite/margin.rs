@@ -321,7 +321,8 @@ fn chatter_teaches_nothing() {
 fn lines_of_others_teach_nothing() {
     let wave = |t_s: f64, hz: f64| (TAU * hz * t_s).sin();
     let order_hz = 27.0 * MACHINE.rpm / 60.0;
-    let stand = |t_s: f64| 3.0 * wave(t_s, 523.4) + if t_s > ENTRY_S { 3.0 * wave(t_s, order_hz) } else { 0.0 };
+    let stand =
+        |t_s: f64| 3.0 * wave(t_s, 523.4) + if t_s > ENTRY_S { 3.0 * wave(t_s, order_hz) } else { 0.0 };
     let switched = |t_s: f64| match t_s {
         4.3..6.1 => 4.0 * wave(t_s, 561.3),
         9.2..11.7 => 4.0 * wave(t_s, 677.7),
@@ -330,8 +331,8 @@ fn lines_of_others_teach_nothing() {
     let truth = ring_down_1_s(MACHINE, STABLE_RAD[1]);
     // Right and held, of 100. As without them where they stand, see `the_margin_is_the_decay_of_the_vibration`; the
     // skirts of what is switched make the margin larger (54 and 64 of 96), and as the cut's they had left none.
-    let kinds: [(&dyn Fn(f64) -> f64, [usize; 2]); 2] = [(&stand, [73, 87]), (&switched, [45, 55])];
-    for (others_n, least) in kinds {
+    let others: [&dyn Fn(f64) -> f64; 2] = [&stand, &switched];
+    for (others_n, [least_right, least_held]) in others.into_iter().zip([[73, 87], [45, 55]]) {
         let (mut right, mut held, mut count) = (0, 0, 0);
         for seed in SEEDS {
             let mut rows = seeded(seed, MACHINE, 14, |_| STABLE_RAD[1]);
@@ -344,8 +345,10 @@ fn lines_of_others_teach_nothing() {
         }
         println!("{truth:.2} 1/s: {right} right, {held} held of {count}");
         assert!(count >= 86, "{count} readings of 96");
-        let [least_right, least_held] = least;
-        assert!(right * 100 >= least_right * count && held * 100 >= least_held * count, "{right} {held} of {count}");
+        assert!(
+            right * 100 >= least_right * count && held * 100 >= least_held * count,
+            "{right} {held} of {count}"
+        );
     }
 }
 

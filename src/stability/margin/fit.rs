@@ -105,9 +105,9 @@ const WINDOW: usize = 2 * REACH + 1;
 ///
 /// -ln L = share sum_f [I/S + ln S] + 1/2 (x-m)' P^-1 (x-m),  S the model smeared as the window smears
 /// information = P^-1 + share sum R R',  gradient = share sum R (I/S - 1) - P^-1 (x-m),  R = d ln S/dx,
-/// both where nothing else stands in a bin; where it may, see [`Bin`], whose probability that nothing does
-/// weighs R R' by its square: that a bin is not known to be the cut's takes 0.96 and 0.49 to 0.64 of it where nothing
-/// else stands, and the square 1.00 and 0.77.
+/// both where nothing else stands in a bin. Where it may, see [`Bin`], the square of its probability that
+/// nothing does weighs R R': where nothing does, a bin tells 0.96 and 0.5 to 0.6 of what it would, and the
+/// square is 1.00 and 0.77.
 ///
 /// Source: Whittle 1953; Kay, Statistical Signal Processing I, 3.11; the cut-method note, section 3.
 /// Checked by: `the_margin_is_the_decay_of_the_vibration`, `a_cut_under_noise_is_not_heard` (suite).

@@ -118,7 +118,8 @@ pub(super) struct BandState {
 
 impl crate::keyframe::Keep for BandState {
     fn keep(&self, to: &mut Vec<u64>) {
-        let Self { mix, ring, end, until_slice, loudest, loud, air, air_count, air_noise, lines, work: _ } = self;
+        let Self { mix, ring, end, until_slice, loudest, loud, air, air_count, air_noise, lines, work: _ } =
+            self;
         mix.keep(to);
         ring.keep(to);
         [end, until_slice].into_iter().for_each(|n| n.keep(to));
@@ -130,7 +131,8 @@ impl crate::keyframe::Keep for BandState {
     }
 
     fn restore(&mut self, from: &mut crate::keyframe::Words<'_>) -> Option<()> {
-        let Self { mix, ring, end, until_slice, loudest, loud, air, air_count, air_noise, lines, work: _ } = self;
+        let Self { mix, ring, end, until_slice, loudest, loud, air, air_count, air_noise, lines, work: _ } =
+            self;
         mix.restore(from)?;
         ring.restore(from)?;
         [&mut *end, &mut *until_slice].into_iter().try_for_each(|n| n.restore(from))?;
