@@ -8,7 +8,7 @@ use stillcut::chatter::Band;
 use stillcut::force::motion::ForceEstimate;
 use stillcut::force::validity::Validity;
 use stillcut::pipeline::{
-    AxisPlan, BandPlan, CutConditions, CutPrior, DeafReason, MarginPlan, MarginReading, Pipeline,
+    AxisPlan, BandPlan, CutConditions, CutPrior, DeafReason, Margin, MarginPlan, MarginReading, Pipeline,
     PipelineSettings, StepOutput,
 };
 use stillcut::units::SampleRate;
@@ -258,6 +258,27 @@ fn told(rows: &[Row]) -> Told {
     told
 }
 
+/// How many readings are right (20 % or 2 1/s), and how many intervals hold.
+#[derive(Default, Debug)]
+struct Score {
+    right: usize,
+    held: usize,
+    count: usize,
+}
+
+impl Score {
+    fn add(&mut self, margin: &Margin, truth: f64) {
+        self.count += 1;
+        self.right += usize::from((margin.margin_1_s - truth).abs() < (0.2 * truth.abs()).max(2.0));
+        self.held += usize::from((margin.lo_1_s..margin.hi_1_s).contains(&truth));
+    }
+
+    /// Of a hundred.
+    fn reaches(&self, right: usize, held: usize) -> bool {
+        self.right * 100 >= right * self.count && self.held * 100 >= held * self.count
+    }
+}
+
 /// Pitches at which this cut is stable, by some 10 and 16 1/s.
 const STABLE_RAD: [f64; 2] = [0.094, 0.0965];
 /// Streams of each.
@@ -267,7 +288,7 @@ const UNSTABLE_RAD: f64 = 0.083;
 
 #[test]
 fn the_margin_is_the_decay_of_the_vibration() {
-    let (mut right, mut held, mut count) = (0, 0, 0);
+    let mut score = Score::default();
     for pitch_rad in STABLE_RAD {
         let truth = ring_down_1_s(MACHINE, pitch_rad);
         assert!(truth > 2.0, "{pitch_rad} rad is stable: {truth} 1/s");
@@ -276,9 +297,7 @@ fn the_margin_is_the_decay_of_the_vibration() {
             assert!(told.readings[..2].iter().all(|r| *r == MarginReading::Air), "{:?}", told.readings[0]);
             for reading in &told.readings[8..] {
                 let margin = reading.margin().unwrap_or_else(|| panic!("{reading:?} at {pitch_rad}"));
-                count += 1;
-                right += usize::from((margin.margin_1_s - truth).abs() < (0.2 * truth).max(2.0));
-                held += usize::from((margin.lo_1_s..margin.hi_1_s).contains(&truth));
+                score.add(margin, truth);
             }
             println!("{pitch_rad} rad: {truth:.2} 1/s, at the end {:?}", told.readings.last().unwrap());
             // Above 12 1/s nobody is warned.
@@ -287,7 +306,7 @@ fn the_margin_is_the_decay_of_the_vibration() {
     }
     // The contract asks for 85 of 100 right, the interval is one of 95 %. Readings of one stream are one answer:
     // 32 answers lie within two deviations of that, 6 and 4 of 100 each.
-    assert!(right * 100 >= 73 * count && held * 100 >= 87 * count, "{right} right, {held} held of {count}");
+    assert!(score.reaches(73, 87), "{score:?}");
 }
 
 /// Eight seconds of chatter, then a pitch at which the cut is stable: a limit cycle is not the answer of a linear
@@ -298,21 +317,19 @@ fn chatter_teaches_nothing() {
     // Flanks that rub keep the tools in the cut.
     let machine = Machine { rubs_m_s: 0.3, ..MACHINE };
     let truth = ring_down_1_s(MACHINE, QUIET_RAD);
-    let (mut right, mut held, mut count) = (0, 0, 0);
+    let mut score = Score::default();
     for seed in SEEDS.take(6) {
         let pitch = |t_s: f64| if (6.0..14.0).contains(&t_s) { UNSTABLE_RAD } else { QUIET_RAD };
         let told = told(&seeded(seed, machine, 24, pitch));
         // Where the alarm stands on it is deaf, which is no answer.
         for margin in told.readings[18..].iter().filter_map(MarginReading::margin) {
-            count += 1;
-            right += usize::from((margin.margin_1_s - truth).abs() < (0.2 * truth).max(2.0));
-            held += usize::from((margin.lo_1_s..margin.hi_1_s).contains(&truth));
+            score.add(margin, truth);
         }
         println!("{truth:.2} 1/s, at the end {:?}", told.readings.last().unwrap());
     }
-    println!("{right} right, {held} held of {count}");
-    assert!(count >= 24, "{count} readings of 36");
-    assert!(right * 100 >= 73 * count && held * 100 >= 80 * count, "{right} right, {held} held of {count}");
+    println!("{score:?}");
+    assert!(score.count >= 24, "{score:?} of 36");
+    assert!(score.reaches(73, 80), "{score:?}");
 }
 
 /// A line of a drive, which stands in air too, an order of the spindle, and tones that are switched on and off: none
@@ -333,22 +350,17 @@ fn lines_of_others_teach_nothing() {
     // skirts of what is switched make the margin larger (54 and 64 of 96), and as the cut's they had left none.
     let others: [&dyn Fn(f64) -> f64; 2] = [&stand, &switched];
     for (others_n, [least_right, least_held]) in others.into_iter().zip([[73, 87], [45, 55]]) {
-        let (mut right, mut held, mut count) = (0, 0, 0);
+        let mut score = Score::default();
         for seed in SEEDS {
             let mut rows = seeded(seed, MACHINE, 14, |_| STABLE_RAD[1]);
             rows.iter_mut().enumerate().for_each(|(k, row)| row.force_n += others_n(k as f64 / RATE_HZ));
             for margin in told(&rows).readings[8..].iter().filter_map(MarginReading::margin) {
-                count += 1;
-                right += usize::from((margin.margin_1_s - truth).abs() < (0.2 * truth).max(2.0));
-                held += usize::from((margin.lo_1_s..margin.hi_1_s).contains(&truth));
+                score.add(margin, truth);
             }
         }
-        println!("{truth:.2} 1/s: {right} right, {held} held of {count}");
-        assert!(count >= 86, "{count} readings of 96");
-        assert!(
-            right * 100 >= least_right * count && held * 100 >= least_held * count,
-            "{right} {held} of {count}"
-        );
+        println!("{truth:.2} 1/s: {score:?}");
+        assert!(score.count >= 86, "{score:?} of 96");
+        assert!(score.reaches(least_right, least_held), "{score:?}");
     }
 }
 
@@ -356,21 +368,19 @@ fn lines_of_others_teach_nothing() {
 #[test]
 fn tools_that_travel_are_heard() {
     let machine = Machine { travel_m_s: 3e-3, ..MACHINE };
-    let (mut right, mut held, mut count) = (0, 0, 0);
+    let mut score = Score::default();
     for seed in SEEDS.take(6) {
         let told = told(&seeded(seed, machine, 13, |_| STABLE_RAD[1]));
         for (second, reading) in told.readings.iter().enumerate().skip(6) {
             let place = 1.0 - machine.travel_m_s * (second as f64 + 1.0 - ENTRY_S) / machine.length_m;
             let truth = ring_down_at_1_s(machine, STABLE_RAD[1], gain(place));
             let margin = reading.margin().unwrap_or_else(|| panic!("{reading:?} at {second} s"));
-            count += 1;
-            right += usize::from((margin.margin_1_s - truth).abs() < (0.2 * truth.abs()).max(2.0));
-            held += usize::from((margin.lo_1_s..margin.hi_1_s).contains(&truth));
+            score.add(margin, truth);
             println!("{place:.3} {truth:.2} 1/s {margin:?}");
         }
     }
-    println!("{right} right, {held} held of {count}");
-    assert!(right * 100 >= 60 * count && held * 100 >= 80 * count, "{right} right, {held} held of {count}");
+    println!("{score:?}");
+    assert!(score.reaches(60, 80), "{score:?}");
 }
 
 /// Without the pitch the delays are not known: any margin would be a guess. What else is missing widens the
@@ -381,16 +391,15 @@ fn what_no_column_tells_is_not_guessed() {
         [|c| c.tool_position_m = None, |c| c.feed_m_rev = None, |c| c.width_m = None];
     let truth = ring_down_1_s(MACHINE, STABLE_RAD[1]);
     for (which, forget) in forget.into_iter().enumerate() {
-        let (mut held, mut count) = (0, 0);
+        let mut score = Score::default();
         for seed in SEEDS.take(4) {
             let mut rows = seeded(seed, MACHINE, 13, |_| STABLE_RAD[1]);
             rows.iter_mut().for_each(|row| forget(&mut row.conditions));
             for margin in told(&rows).readings.iter().filter_map(MarginReading::margin) {
-                count += 1;
-                held += usize::from((margin.lo_1_s..margin.hi_1_s).contains(&truth));
+                score.add(margin, truth);
             }
         }
-        assert!(count > 12 && held * 100 >= 80 * count, "{which}: {held} held of {count}");
+        assert!(score.count > 12 && score.reaches(0, 80), "{which}: {score:?}");
     }
     let mut rows = stream(MACHINE, 8, |_| STABLE_RAD[1]);
     rows.iter_mut().for_each(|row| row.conditions.pitch_difference_rad = None);

@@ -18,7 +18,7 @@ use super::rest::{Rest, rest, rest_of, spans_s};
 use super::series::{Residuals, contribution, contribution_of_number, residuals};
 use super::signals::Track;
 use super::state::{Accepted, Balance, Number, State};
-use super::subject::PASSES;
+use super::subject::{PASSES, takes};
 use super::words::{specification, statement, term_of, told};
 use crate::diagnosis::criteria::{Criteria, Z95};
 use crate::diagnosis::result::{
@@ -293,10 +293,8 @@ impl Case<'_> {
 
     /// The round in which a law was taken up, the law first.
     fn round_of(&self, effect: EffectKind, port: Port) -> &[Fitted<Hypothesis, State>] {
-        let is_of =
-            |f: &Fitted<Hypothesis, State>| f.hypothesis.effect == effect && f.hypothesis.port == port;
         let mut rounds = self.known.iter().chain(self.rounds);
-        let round = rounds.find(|r| r.accepted && is_of(&r.fitted[0]));
+        let round = rounds.find(|r| takes(r, (effect, port)));
         round.map_or(&[], |r| &r.fitted)
     }
 

@@ -294,14 +294,19 @@ impl<'a> Drive<'a> {
     }
 }
 
+/// True for the round in which a law was taken up.
+pub(super) fn takes(round: &Round<Hypothesis, State>, law: (EffectKind, Port)) -> bool {
+    round.accepted && round.fitted.first().is_some_and(|f| (f.hypothesis.effect, f.hypothesis.port) == law)
+}
+
 /// What came next to a law in the round in which that was taken, and has not been taken since.
 fn next_best(state: &State, rounds: &[Round<Hypothesis, State>], law: &Accepted) -> Option<Hypothesis> {
     let name = |h: &Hypothesis| (h.effect, h.port);
-    let takes = |r: &&Round<_, State>, h: &Hypothesis| r.accepted && name(&r.fitted[0].hypothesis) == name(h);
     let stands = |h: &Hypothesis| {
-        state.accepted.iter().any(|a| name(&a.hypothesis) == name(h)) || rounds.iter().any(|r| takes(&r, h))
+        state.accepted.iter().any(|a| name(&a.hypothesis) == name(h))
+            || rounds.iter().any(|r| takes(r, name(h)))
     };
-    let round = rounds.iter().rev().find(|r| takes(r, &law.hypothesis))?;
+    let round = rounds.iter().rev().find(|r| takes(r, name(&law.hypothesis)))?;
     let open = |f: &&Fitted<Hypothesis, State>| f.qualifies() && !stands(&f.hypothesis);
     round.fitted[1..].iter().find(open).map(|f| f.hypothesis)
 }

@@ -13,7 +13,7 @@ pub(super) struct Bin {
     /// Probability that nothing else stands in it.
     pub(super) own: f64,
     over: f64,
-    /// ln of the second term's part of p S.
+    /// The second term's part of p S.
     other: f64,
 }
 
@@ -26,15 +26,16 @@ impl Bin {
     fn with(over: f64, odds: f64) -> Self {
         let x = over.clamp(1e-9, 1e200);
         let kept = -(-x).exp_m1();
-        let likelier = odds * kept / x;
-        let own = 1.0 / (1.0 + likelier * x.exp());
+        let other = odds * kept / x;
+        let own = 1.0 / (1.0 + other * x.exp());
         let score = own * (x - 1.0) - (1.0 - own) * x * (1.0 - kept) / kept;
-        Self { score, own, over: x, other: likelier.ln() }
+        Self { score, own, over: x, other }
     }
 
     /// ln p + ln S.
     pub(super) fn nats(&self) -> f64 {
-        self.other.max(-self.over) + (-(self.other + self.over).abs()).exp().ln_1p()
+        let other = self.other.ln();
+        other.max(-self.over) + (-(other + self.over).abs()).exp().ln_1p()
     }
 }
 

@@ -63,6 +63,11 @@ impl Cut {
         Self { harmonics: self.harmonics.min((top_hz / self.hz) as usize).max(1), ..self }
     }
 
+    /// True while it lasts.
+    fn lasts(&self, t_s: f64) -> bool {
+        (self.window_s[0]..self.window_s[1]).contains(&t_s)
+    }
+
     /// True where it has a mean: one that lasts for all of the recordings is a load, unless a spindle turns.
     fn has_mean(&self, signals: &Signals) -> bool {
         let [start_s, end_s] = self.window_s;
@@ -70,12 +75,10 @@ impl Cut {
     }
 
     /// Recordings that it has columns of, with their places.
-    fn recordings<'a>(&self, signals: &'a Signals) -> impl Iterator<Item = (usize, &'a Track)> {
-        let [start_s, end_s] = self.window_s;
-        let inside = move |t_s: f64| (start_s..end_s).contains(&t_s);
+    fn recordings(self, signals: &Signals) -> impl Iterator<Item = (usize, &Track)> {
         let step = signals.step;
-        let lasts = move |track: &Track| (0..track.thin_count()).any(|j| inside(track.thin_s(j, step)));
-        signals.answering().filter(move |(_, track)| lasts(track))
+        let has = move |track: &Track| (0..track.thin_count()).any(|j| self.lasts(track.thin_s(j, step)));
+        signals.answering().filter(move |(_, track)| has(track))
     }
 
     /// True where the drive pushes at the frequency of its strongest harmonic with more than twice its force:
@@ -90,12 +93,9 @@ impl Cut {
             waves.map(move |(h, c)| (of, (h + 1) as f64 * self.hz, c[0].hypot(c[1])))
         });
         let Some(((_, track), hz, most_n)) = sizes.max_by(|a, b| a.2.total_cmp(&b.2)) else { return false };
-        let [start_s, end_s] = self.window_s;
         let thrust = s.thrust(track, ground.path).into_iter().enumerate();
-        let thrust: Vec<(f64, f64)> = thrust
-            .map(|(j, f)| (track.thin_s(j, s.step), f))
-            .filter(|(t_s, _)| (start_s..end_s).contains(t_s))
-            .collect();
+        let thrust: Vec<(f64, f64)> =
+            thrust.map(|(j, f)| (track.thin_s(j, s.step), f)).filter(|(t_s, _)| self.lasts(*t_s)).collect();
         0.5 * stands_out_n(&thrust, hz) > most_n
     }
 
@@ -185,16 +185,14 @@ impl Law for Cut {
 
     /// Harmonics and mean in a window; every recording whose thrust answers has columns of its own.
     fn columns(&self, ground: &Ground<'_>, _: Port) -> Option<Vec<TimeColumn>> {
-        let Self { hz, window_s: [start_s, end_s], .. } = *self;
         let s = ground.signals;
-        let inside = |t_s: f64| (start_s..end_s).contains(&t_s);
         let mut out = Vec::new();
         for (r, _) in self.recordings(s) {
             let mut push = |f: &dyn Fn(f64) -> f64| {
-                out.push(ground.in_recording(r, s.last(), |t_s| if inside(t_s) { f(t_s) } else { 0.0 }));
+                out.push(ground.in_recording(r, s.last(), |t_s| if self.lasts(t_s) { f(t_s) } else { 0.0 }));
             };
             for h in 1..=self.harmonics {
-                let w = TAU * hz * h as f64;
+                let w = TAU * self.hz * h as f64;
                 push(&|t| (w * t).sin());
                 push(&|t| (w * t).cos());
             }
