@@ -294,7 +294,7 @@ impl Case<'_> {
     /// The round in which a law was taken up, the law first.
     fn round_of(&self, effect: EffectKind, port: Port) -> &[Fitted<Hypothesis, State>] {
         let mut rounds = self.known.iter().chain(self.rounds);
-        let round = rounds.find(|r| takes(r, (effect, port)));
+        let round = rounds.find(|r| takes(r, effect, port));
         round.map_or(&[], |r| &r.fitted)
     }
 

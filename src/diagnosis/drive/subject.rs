@@ -295,8 +295,9 @@ impl<'a> Drive<'a> {
 }
 
 /// True for the round in which a law was taken up.
-pub(super) fn takes(round: &Round<Hypothesis, State>, law: (EffectKind, Port)) -> bool {
-    round.accepted && round.fitted.first().is_some_and(|f| (f.hypothesis.effect, f.hypothesis.port) == law)
+pub(super) fn takes(round: &Round<Hypothesis, State>, effect: EffectKind, port: Port) -> bool {
+    let is_of = |h: &Hypothesis| h.effect == effect && h.port == port;
+    round.accepted && round.fitted.first().is_some_and(|f| is_of(&f.hypothesis))
 }
 
 /// What came next to a law in the round in which that was taken, and has not been taken since.
@@ -304,9 +305,9 @@ fn next_best(state: &State, rounds: &[Round<Hypothesis, State>], law: &Accepted)
     let name = |h: &Hypothesis| (h.effect, h.port);
     let stands = |h: &Hypothesis| {
         state.accepted.iter().any(|a| name(&a.hypothesis) == name(h))
-            || rounds.iter().any(|r| takes(r, name(h)))
+            || rounds.iter().any(|r| takes(r, h.effect, h.port))
     };
-    let round = rounds.iter().rev().find(|r| takes(r, name(&law.hypothesis)))?;
+    let round = rounds.iter().rev().find(|r| takes(r, law.hypothesis.effect, law.hypothesis.port))?;
     let open = |f: &&Fitted<Hypothesis, State>| f.qualifies() && !stands(&f.hypothesis);
     round.fitted[1..].iter().find(open).map(|f| f.hypothesis)
 }
