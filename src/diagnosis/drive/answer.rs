@@ -58,8 +58,9 @@ pub(super) fn is_other_than_zero(
         && (sizes.peek().is_none() || sizes.any(|told| told))
 }
 
-/// Drops laws that the recordings do not determine; what is left is built anew. Of two that stand for one
-/// another neither is determined: the one goes that the other does without at the least loss.
+/// Drops laws that the recordings do not determine, or puts in the place of one what it becomes at a bound of
+/// its constants; what is left is built anew. Of two that stand for one another neither is determined: the one
+/// goes that the other does without at the least loss.
 pub(super) fn determined(balance: &Balance, mut state: State) -> (State, Doubt, Rest) {
     loop {
         let left = rest(balance, &state);
@@ -71,6 +72,9 @@ pub(super) fn determined(balance: &Balance, mut state: State) -> (State, Doubt, 
                 || !is_other_than_zero(balance, (&state, a), d)
                 || a.hypothesis.is_at_bound()
                 || a.hypothesis.law().is_void(&state.ground(balance), &a.amplitudes);
+            if let Some(limit) = a.hypothesis.law().limit().filter(|_| vague) {
+                return Some(state.with_form(balance, k, limit));
+            }
             // Or the others foretell what was held out better: each part has been told by itself.
             let others = without(balance, &state, Named::Law(k));
             (vague || foretold_n(balance, others.base.fitted()) < most_n).then_some(others)

@@ -6,7 +6,7 @@ use super::base::base;
 pub(super) use super::base::{Base, amplitude_bounds, knockoff_design, residual};
 use super::columns::Ground;
 use super::dynamics::Idle;
-use super::laws::{Deviations, Told};
+use super::laws::{Deviations, Shape, Told};
 pub(super) use super::number::Number;
 use super::signals::Layout;
 use std::sync::Arc;
@@ -78,6 +78,15 @@ impl State {
     pub(super) fn rebuilt(self, balance: &Balance) -> Self {
         let idle = self.base.idle.clone();
         self.built(balance, Some(idle))
+    }
+
+    /// The balance with another form of a law, fitted anew.
+    pub(super) fn with_form(&self, balance: &Balance, law: usize, form: Shape) -> Self {
+        let mut out = self.clone();
+        let a = &mut out.accepted[law];
+        a.hypothesis = a.hypothesis.by(form);
+        a.amplitudes = vec![0.0; a.hypothesis.columns(&out.now.ground(balance)).len()];
+        out.rebuilt(balance)
     }
 
     /// The same before anything is asked: what moves nothing is looked at anew.

@@ -173,6 +173,11 @@ pub(crate) trait Law {
         None
     }
 
+    /// What it becomes at a bound of its constants, for where the recordings do not determine them.
+    fn limit(&self) -> Option<Shape> {
+        None
+    }
+
     /// Begin and end, s since a recording began, where it lasts for a while.
     fn window_s(&mut self) -> Option<&mut [f64; 2]> {
         None

@@ -65,6 +65,11 @@ impl Law for StiffnessWave {
         vec![Free::of(&mut self.length_m, &LENGTH)]
     }
 
+    /// Of a wave that is longer than the travel the slope.
+    fn limit(&self) -> Option<Shape> {
+        Some(StiffnessSlope.into())
+    }
+
     fn springs(&self, ground: &Ground<'_>) -> Vec<SpringLaw> {
         let (k, zero, length_m) = (ground.mechanics.stiffness_n_m, ground.zero_m(), self.length_m);
         [f64::sin, f64::cos]
