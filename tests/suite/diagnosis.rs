@@ -530,6 +530,14 @@ fn a_rigid_axis_tells_a_cut_from_a_hill() {
     let (start_s, end_s) = (value("start_s"), value("end_s"));
     assert!((start_s - 5.0).abs() < 0.05 && (end_s - 12.0).abs() < 0.05, "{start_s} to {end_s} s");
 
+    // Each recording has a window of its own.
+    let longer = |t: f64, _: f64| if (1.0..16.0).contains(&t) { 25.0 * (232.5 * t + 1.0).cos() } else { 0.0 };
+    let d = diagnose(&machine, &[with_force(cut), with_force(longer)], &|_, _| {}).unwrap();
+    let said: Vec<_> = d.findings.iter().map(|f| (f.effect.name(), f.port.name())).collect();
+    assert_eq!(said, [("cutting_force", "stage")], "{:?}", d.candidates);
+    let left: Vec<[f64; 2]> = d.recordings.iter().map(|r| [r.rms_before_n, r.rms_after_n]).collect();
+    assert!(left.iter().all(|[before_n, after_n]| 3.0 * after_n < *before_n), "{left:?} N");
+
     let hill = |_: f64, x: f64| 40.0 * (-((x - 0.01) / 0.012).powi(2)).exp();
     let d = ask(&machine, &with_force(hill));
     let said: Vec<_> = d.findings.iter().map(|f| (f.effect.name(), f.port.name())).collect();

@@ -12,7 +12,7 @@ use super::likelihood::Design;
 use super::model::{is_other_size, sizes};
 use super::notes;
 use super::numbers::{
-    self, Absent, Doubt, absent, corrections, doubt, fit_without, stated_beta, undivided, unsaid,
+    self, Absent, Doubt, absent, as_written, corrections, doubt, stated_beta, told_by, undivided, unsaid,
 };
 use super::rest::{Rest, rest, rest_of, spans_s};
 use super::series::{Residuals, contribution, contribution_of_number, residuals};
@@ -102,6 +102,11 @@ impl Case<'_> {
         let (state, doubt, _) = determined(balance, state);
         let level = self.level(&state);
         let absent = absent(balance, &state, &doubt, level);
+        // What the written model leaves: a number that it does not state is none of it.
+        let unsaid = unsaid(balance, &state, &absent);
+        let undivided = undivided(balance, &state, &unsaid);
+        let (state, doubt) = as_written(balance, (state, doubt), &unsaid);
+        let absent = told_by(balance, (&state, &doubt), absent);
         let mut found = self.found(&state, &doubt, &absent, level);
         found.extend(self.of_encoders(&state));
         // The model says how much it leaves, and no more is left.
@@ -115,21 +120,21 @@ impl Case<'_> {
         }
         let said: Vec<Number> = absent.iter().map(|a| a.number).collect();
         let before = self.before(&said);
-        // What the written model leaves: a number that it does not state is none of it.
-        let unsaid = unsaid(balance, &state, &absent);
-        let (design, beta) = fit_without(balance, &state, &unsaid);
-        let left = rest_of(balance, &state, (&design, &beta));
+        let left = rest(balance, &state);
         let of = if as_stated { self.start } else { &state };
         let told_wrong = self.all_corrections(of, &settled);
         let nothing_told = found.is_empty() && told_wrong.is_empty();
-        let drives = self.drives(&state, (&design, &beta), nothing_told);
-        let undivided = undivided(balance, &state, &unsaid).filter(|_| !as_stated);
+        let drives = self.drives(&state, nothing_told);
+        let undivided = undivided.filter(|_| !as_stated);
         let outweighed = !as_stated && found.iter().any(|f| self.is_outweighed(f));
-        let not_named = drives.is_unsaid() || undivided.is_some() || outweighed;
+        let series = self.series(&state);
+        let worse_n = self.worse_n(&series).filter(|_| balance.plan.white && !as_stated && !nothing_told);
+        let not_named = drives.is_unsaid() || undivided.is_some() || outweighed || worse_n.is_some();
         let is_left = left.is_left(self.stated_rest_n) || not_named;
         let share = explained_share([&before, &left], Criteria::STANDARD.repeatability * drives.thrust_n);
         let explains = !is_left || share > Criteria::STANDARD.named_share;
-        let named = !found.is_empty() && explains && drives.are_said_by(&found) && !outweighed;
+        let stands = !outweighed && worse_n.is_none();
+        let named = !found.is_empty() && explains && drives.are_said_by(&found) && stands;
         let bent = self.out_of_budget && found.is_empty() && !told_wrong.is_empty();
         let unexplained = is_left && !named || bent;
         let corrections = if unexplained { Vec::new() } else { told_wrong.clone() };
@@ -139,13 +144,12 @@ impl Case<'_> {
         let mut notes = self.notes_of((&left, &drives), is_left, &candidates);
         let faults = force_faults((self.axis, self.recordings), balance, &state, &doubt);
         let (force_faults, more) = notes::budget(&self, faults, found.is_empty());
-        notes.extend(more.into_iter().chain(self.notes_of_errors()));
+        notes.extend(more.into_iter().chain(self.notes_of_errors()).chain(worse_n.map(notes::worse)));
         let asserted = if unexplained { Vec::new() } else { found };
         let first = asserted.first().map(|f| f.named);
         let findings = self.findings(asserted, (&state, &unsaid), &left);
         let said = (&findings[..], &corrections[..]);
         let model = self.model(verdict, (of, &settled), said, (&left, is_left));
-        let series = self.series(&state, &numbers::with_none(balance, &state, &unsaid, &beta));
         let axes = [
             self.stated.clone(),
             self.recalibrated(&state, &doubt, &told_wrong),
@@ -178,8 +182,9 @@ impl Case<'_> {
         }
     }
 
-    /// What a fit beside a state leaves of what drives the axis.
-    fn drives(&self, state: &State, (design, beta): (&Design, &[f64]), nothing_told: bool) -> Drives {
+    /// What a state leaves of what drives the axis.
+    fn drives(&self, state: &State, nothing_told: bool) -> Drives {
+        let (_, design, beta) = state.base.fitted();
         let left_n = self.left_n(state, (design, beta));
         let stated_n = || {
             let stated = numbers::fitted_as_stated(self.balance, self.start);
@@ -205,11 +210,24 @@ impl Case<'_> {
         self.left_n(state, (design, &loads))
     }
 
-    /// What the stated model leaves, and a state with the coefficients that are written.
-    fn series(&self, state: &State, written: &[f64]) -> Residuals {
+    /// What the stated model leaves, and a state.
+    fn series(&self, state: &State) -> Residuals {
         let stated = stated_beta(self.balance, self.start);
-        let series = residuals(self.balance, (self.start, &stated), (state, written));
+        let series = residuals(self.balance, (self.start, &stated), state);
         series.with(&self.error_forces(self.start))
+    }
+
+    /// What is left in time, N, by the stated model and with all that was found, where that is more: what was
+    /// found stands where nothing was measured. Of two positions the bands have weights, and a right mass may
+    /// leave more of the noise.
+    fn worse_n(&self, series: &Residuals) -> Option<[f64; 2]> {
+        let fits = self.recording_fits(series, false);
+        let power = |of: &dyn Fn(&RecordingFit) -> f64| {
+            fits.iter().map(|f| f.t_s.len() as f64 * of(f).powi(2)).sum::<f64>()
+        };
+        let powers = [power(&|f| f.rms_before_n), power(&|f| f.rms_after_n)];
+        let count = fits.iter().map(|f| f.t_s.len() as f64).sum::<f64>().max(1.0);
+        (powers[1] > powers[0]).then(|| powers.map(|p| (p / count).sqrt()))
     }
 
     /// What coefficients leave of the thrust at the motor, root mean square, N.

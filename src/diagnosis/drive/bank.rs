@@ -48,7 +48,7 @@ pub(super) fn candidates(balance: &Balance, state: &State) -> Vec<Hypothesis> {
 /// Whether two cuts at one time are one: a harmonic may differ from its mean, and is no other spindle.
 fn is_one_cut(a: &Hypothesis, b: &Hypothesis) -> bool {
     let (Shape::Cut(a), Shape::Cut(b)) = (a.shape, b.shape) else { return false };
-    let both_s = a.window_s[1].min(b.window_s[1]) - a.window_s[0].max(b.window_s[0]);
+    let both_s = a.longest_beside_s(&b);
     let [low_hz, high_hz] = [a.hz.min(b.hz), a.hz.max(b.hz)];
     let off_hz = high_hz - low_hz * (high_hz / low_hz).round();
     // Nearer than what that time tells apart.

@@ -20,6 +20,7 @@ pub(super) const MOST_DELAY_SAMPLES: f64 = 2.0;
 use Number as N;
 
 /// What fits are made of.
+#[derive(Clone)]
 pub(super) struct Base {
     pub(super) numbers: Vec<Number>,
     /// Target, numbers, accepted laws, knockoffs.
@@ -84,8 +85,10 @@ fn number_bounds(balance: &Balance, now: &Standing, (number, accepted): (Number,
         N::MotorTurning(_) => [0.0, now.mechanics.motor_coulomb_n],
         N::StageTurning(_) if accepted.iter().any(|a| a.hypothesis.facts().turns_friction) => [0.0, 0.0],
         N::StageTurning(_) => [0.0, now.mechanics.stage_coulomb_n],
-        // Where nobody states when encoders are read, that alone tells a damper from K t of a late one.
-        N::MotorDamping | N::StageDamping | N::StructuralDamping if balance.asks_encoder_timing() => POSITIVE,
+        // What brakes gives nothing back.
+        N::MotorDamping | N::StageDamping | N::StructuralDamping | N::MotorCoulomb | N::StageCoulomb => {
+            POSITIVE
+        }
         _ => FREE,
     }
 }

@@ -57,13 +57,6 @@ impl Dynamics {
         }
     }
 
-    /// The same with some places alone, in their order.
-    pub(super) fn kept(&self, places: &[usize]) -> Self {
-        let moved =
-            |m: &Moving| places.iter().position(|p| *p == m.place).map(|place| Moving { place, ..m.clone() });
-        Self { moving: self.moving.iter().filter_map(moved).collect(), ..self.clone() }
-    }
-
     /// Sum of log |det P|^2 over the values of all bands, nats.
     pub(super) fn log_det(&self, bands: &[BandGram], beta: &[f64]) -> f64 {
         let of_band = self.of_bands(bands);

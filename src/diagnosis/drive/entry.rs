@@ -97,7 +97,7 @@ impl Case<'_> {
     /// The answer of an axis of which nothing can be told but a cut (`state`: the model with it).
     fn nothing_else(&self, state: &State) -> Diagnosis {
         let stated = stated_beta(self.balance, self.start);
-        let series = residuals(self.balance, (self.start, &stated), (state, &state.base.fit.beta));
+        let series = residuals(self.balance, (self.start, &stated), state);
         let found = Case { notes: Vec::new(), ..*self }.answer(self.start.clone());
         let note =
             "Without the cut too little was measured in motion: nothing else can be told of this axis.";

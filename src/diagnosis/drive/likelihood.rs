@@ -132,18 +132,6 @@ impl Design {
         self.bounds.extend(bounds);
     }
 
-    /// The same with some places alone, in their order.
-    pub(super) fn kept(&self, places: &[usize]) -> Self {
-        let mass = |(k, held): &(usize, f64)| places.iter().position(|p| p == k).map(|p| (p, *held));
-        Self {
-            columns: places.iter().map(|k| self.columns[*k]).collect(),
-            bounds: places.iter().map(|k| self.bounds[*k]).collect(),
-            masses: self.masses.iter().filter_map(mass).collect(),
-            dynamics: self.dynamics.kept(places),
-            ..self.clone()
-        }
-    }
-
     fn log_masses(&self, beta: &[f64]) -> f64 {
         self.masses.iter().map(|(k, held)| (held + beta[*k]).max(1e-12).ln()).sum()
     }
@@ -304,20 +292,7 @@ impl Design {
             curved[(*k, *k)] += c;
             pull[*k] += total / m + c * beta[*k];
         }
-        let mut held: Vec<Option<f64>> = vec![None; p];
-        let mut next = beta.to_vec();
-        for _ in 0..=p {
-            next = solve(&curved, &pull, &held);
-            let outside = (0..p).filter(|k| held[*k].is_none()).find_map(|k| {
-                let [low, high] = self.bounds[k];
-                let bound = if next[k] < low { low } else { high };
-                (next[k] < low || next[k] > high).then_some((k, bound))
-            });
-            match outside {
-                Some((k, bound)) => held[k] = Some(bound),
-                None => break,
-            }
-        }
+        let (mut next, held) = between_bounds((&curved, &pull), &self.bounds);
         for (k, held) in &self.masses {
             let m = (held + beta[*k]).max(1e-12);
             next[*k] = (held + next[*k]).clamp(MASS_STEP * m, m / MASS_STEP) - held;
@@ -353,6 +328,36 @@ fn scaled(a: &DMatrix<f64>, is_held: impl Fn(usize) -> bool) -> (Vec<usize>, Vec
         a[(free[i], free[j])] * scale[i] * scale[j] + ridge
     });
     (free, scale, m)
+}
+
+/// Coefficients at the least of half b'Ab - b'p between their bounds, and which are held at one: the first
+/// that is outside is held, or of those that are held the first that is drawn inside is let go, until there
+/// is none (Murty's least index, finite for a convex form).
+///
+/// Checked by: tests::coefficients_between_bounds_are_those_of_coordinate_descent.
+fn between_bounds(
+    (a, pull): (&DMatrix<f64>, &DVector<f64>),
+    bounds: &[[f64; 2]],
+) -> (Vec<f64>, Vec<Option<f64>>) {
+    let mut held: Vec<Option<f64>> = vec![None; bounds.len()];
+    let mut next = solve(a, pull, &held);
+    for _ in 0..4 * bounds.len() {
+        let flipped = |(k, [low, high]): (usize, &[f64; 2])| match held[k] {
+            None if next[k] < *low => Some((k, Some(*low))),
+            None if next[k] > *high => Some((k, Some(*high))),
+            Some(at) if low < high => {
+                let inside = pull[k] - (a.row(k) * DVector::from_column_slice(&next))[0];
+                let drawn = if at == *low { inside } else { -inside };
+                (drawn > 1e-9 * pull[k].abs()).then_some((k, None))
+            }
+            _ => None,
+        };
+        let Some((k, to)) = bounds.iter().enumerate().find_map(flipped) else { break };
+        held[k] = to;
+        next = solve(a, pull, &held);
+    }
+    let inside = |(x, [low, high]): (&f64, &[f64; 2])| x.max(*low).min(*high);
+    (next.iter().zip(bounds).map(inside).collect(), held)
 }
 
 /// Solves with columns scaled to one; held coefficients keep their value.
@@ -405,5 +410,42 @@ impl Fit {
             }
         }
         out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    /// Least of half b'Ab - b'p by one coefficient after another, each between its bounds.
+    fn descended(a: &DMatrix<f64>, pull: &DVector<f64>, bounds: &[[f64; 2]]) -> Vec<f64> {
+        let mut x: Vec<f64> = bounds.iter().map(|[low, high]| low.max(0.0).min(*high)).collect();
+        for _ in 0..20_000 {
+            for k in 0..x.len() {
+                let others: f64 = (0..x.len()).filter(|j| *j != k).map(|j| a[(k, j)] * x[j]).sum();
+                x[k] = ((pull[k] - others) / a[(k, k)]).max(bounds[k][0]).min(bounds[k][1]);
+            }
+        }
+        x
+    }
+
+    #[test]
+    fn coefficients_between_bounds_are_those_of_coordinate_descent() {
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        for _ in 0..200 {
+            let p = 6;
+            let m = DMatrix::from_fn(p + 2, p, |_, _| rng.random_range(-1.0..1.0));
+            let a = m.transpose() * &m + DMatrix::identity(p, p) * 0.05;
+            let pull = DVector::from_fn(p, |_, _| rng.random_range(-1.0..1.0));
+            let kinds = [FREE, POSITIVE, [0.0, 0.3], [0.2, 0.2]];
+            let bounds: Vec<[f64; 2]> = (0..p).map(|_| kinds[rng.random_range(0..4)]).collect();
+            let (found, held) = between_bounds((&a, &pull), &bounds);
+            let apart = found.iter().zip(descended(&a, &pull, &bounds)).map(|(x, y)| (x - y).abs());
+            assert!(apart.fold(0.0, f64::max) < 1e-6, "{bounds:?}");
+            let at = held.iter().zip(&found).all(|(h, x)| h.is_none_or(|h| h == *x));
+            assert!(at, "{held:?} {found:?}");
+        }
     }
 }

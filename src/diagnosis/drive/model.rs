@@ -2,7 +2,7 @@
 
 use super::case::Case;
 use super::laws::Effect;
-use super::number::INERTIA;
+use super::number::{INERTIA, Number};
 use super::numbers::{Beside, Doubt, beside, common_scale};
 use super::rest::Rest;
 use super::state::State;
@@ -26,9 +26,13 @@ impl Case<'_> {
         let told = beside(self.balance, self.stated, state, doubt);
         let is_of_constant = told_wrong.iter().any(|c| c.name == "torque_constant_nm_a");
         let off = if is_of_constant { common_scale(self.balance, &told) } else { 0.0 };
+        // A law that turns friction is one of that friction.
+        let found = state.accepted.iter().filter(|a| a.given.is_none());
+        let turned = found.filter(|a| a.hypothesis.facts().turns_friction).count() > 0;
         let is_known = |n: &&Beside| {
             let is_known = n.deviation < Criteria::STANDARD.damping_tolerance * n.value;
             n.value > 0.0 && (is_known || n.is_of_second_mass(self.balance))
+                || turned && n.number == Number::StageCoulomb
         };
         let known = told.iter().filter(is_known).map(|n| (n.key, n.under(off)));
         // The balance has the motor's and a stated screw's inertia as one.

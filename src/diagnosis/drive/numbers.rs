@@ -1,5 +1,6 @@
 //! Numbers of the model beside the recordings: deviations, corrections, numbers that the model leaves out.
 
+use super::accepted::Accepted;
 use super::columns::TimeColumn;
 use super::evidence::{Wider, level, part_gains, price, wider};
 use super::given;
@@ -7,7 +8,8 @@ use super::gram::{BandGram, Gram, Part};
 use super::laws::{Deviations, scale_deviation};
 use super::likelihood::{Design, FREE, Fit, Spread, values, weights_of};
 use super::model::screw_kg_m2;
-use super::rest::Rest;
+use super::number::Mechanics;
+use super::rest::{Rest, rest};
 use super::rounding::QUARTERS;
 use super::signals::Layout;
 use super::spectra::FOLDS;
@@ -145,74 +147,114 @@ fn left_out(balance: &Balance, state: &State) -> Vec<Number> {
     open.filter(|n| is_more(*n)).collect()
 }
 
-/// Places of a state's coefficients without those of some numbers; one that is stated at the motor stays.
-fn places_without(balance: &Balance, state: &State, numbers: &[Number]) -> Vec<usize> {
-    let base = &state.base;
-    let numbers: Vec<Number> =
-        numbers.iter().copied().filter(|n| stated_at_motor(balance, *n) == 0.0).collect();
+/// What is held where some numbers are not there, by place: nothing, or what the motor has of one.
+fn held_without(balance: &Balance, state: &State, numbers: &[Number]) -> Vec<(usize, f64)> {
+    let at_motor = |n: Number| stated_at_motor(balance, n) > 0.0;
     // Parts of a dry friction that is not there are not there.
-    let out = |n: &Number| {
-        numbers.contains(n)
-            || matches!(n, Number::MotorTurning(_)) && numbers.contains(&Number::MotorCoulomb)
-            || matches!(n, Number::StageTurning(_)) && numbers.contains(&Number::StageCoulomb)
+    let is_gone = |n: Number| numbers.contains(&n) && !at_motor(n);
+    let is_part = |n: &Number| match n {
+        Number::MotorTurning(_) => is_gone(Number::MotorCoulomb),
+        Number::StageTurning(_) => is_gone(Number::StageCoulomb),
+        _ => false,
     };
-    let kept = |k: &usize| base.numbers.get(*k).is_none_or(|n| !out(n));
-    (0..base.design.columns.len()).filter(kept).collect()
+    let number = |(k, n): (usize, &Number)| {
+        (numbers.contains(n) || is_part(n))
+            .then(|| (k, if at_motor(*n) { held(balance, state, *n) } else { 0.0 }))
+    };
+    let bristle = |(k, a): (usize, &Accepted)| {
+        let is_bristle = a.given.is_none() && a.hypothesis.facts().is_dry_friction;
+        let places = state.place(k)..state.place(k) + a.coefficients();
+        places.filter(move |_| is_bristle).map(|place| (place, 0.0))
+    };
+    let bristles =
+        state.accepted.iter().enumerate().filter(|_| is_gone(Number::StageCoulomb)).flat_map(bristle);
+    state.base.numbers.iter().enumerate().filter_map(number).chain(bristles).collect()
 }
 
-/// The design without some numbers' columns, or with what the motor has of them. The masses stay as the state
-/// has them: that friction is left out is no reason for another mass, and where nothing else moves the axis
-/// one of any size is the likeliest.
+/// The design with some numbers held, and where a fit begins. The masses stay as the state has them: that
+/// friction is left out is no reason for another mass, and where nothing else moves the axis one of any size
+/// is the likeliest.
 fn without(balance: &Balance, state: &State, numbers: &[Number]) -> (Design, Vec<f64>) {
-    let places = places_without(balance, state, numbers);
-    let named = |k: &usize| state.base.numbers.get(*k).copied().filter(|n| numbers.contains(n));
-    let at_motor: Vec<Option<f64>> =
-        places.iter().map(|k| named(k).map(|n| held(balance, state, n))).collect();
-    let both = places.iter().zip(&at_motor);
-    let beta: Vec<f64> = both.map(|(k, stated)| stated.unwrap_or(state.base.fit.beta[*k])).collect();
-    let mut design = state.base.design.kept(&places);
-    design.masses.iter().for_each(|(k, _)| design.bounds[*k] = [beta[*k]; 2]);
-    let fixed = at_motor.iter().enumerate().filter_map(|(k, stated)| Some((k, (*stated)?)));
-    fixed.for_each(|(k, stated)| design.bounds[k] = [stated; 2]);
+    let (mut design, mut beta) = (state.base.design.clone(), state.base.fit.beta.clone());
+    held_without(balance, state, numbers).into_iter().for_each(|(k, value)| beta[k] = value);
+    let masses = design.masses.iter().map(|(k, _)| (*k, beta[*k])).collect::<Vec<_>>();
+    let held = held_without(balance, state, numbers).into_iter().chain(masses);
+    held.for_each(|(k, value)| design.bounds[k] = [value; 2]);
     (design, beta)
-}
-
-/// Coefficients of [`fit_without`] in their places, nothing for the numbers that are not there.
-pub(super) fn with_none(balance: &Balance, state: &State, numbers: &[Number], beta: &[f64]) -> Vec<f64> {
-    let mut out = vec![0.0; state.base.fit.beta.len()];
-    places_without(balance, state, numbers).iter().zip(beta).for_each(|(k, b)| out[*k] = *b);
-    out
 }
 
 /// The fit of a state without some numbers.
 pub(super) fn fit_without(balance: &Balance, state: &State, numbers: &[Number]) -> (Design, Vec<f64>) {
+    let (design, fit) = refitted(balance, state, numbers);
+    (design, fit.beta)
+}
+
+fn refitted(balance: &Balance, state: &State, numbers: &[Number]) -> (Design, Fit) {
     if numbers.is_empty() {
-        return (state.base.design.clone(), state.base.fit.beta.clone());
+        return (state.base.design.clone(), state.base.fit.clone());
     }
     let (design, start) = without(balance, state, numbers);
     let all = &state.base.all;
     let weights = design.weights(all, &start);
     let fit = design.fit(all, start, weights);
-    (design, fit.beta)
+    (design, fit)
+}
+
+/// A state as it is written: without numbers that nothing says; and its deviations, those of masses as they
+/// were.
+pub(super) fn as_written(
+    balance: &Balance,
+    (state, doubt_of): (State, Doubt),
+    unsaid: &[Number],
+) -> (State, Doubt) {
+    if unsaid.is_empty() {
+        return (state, doubt_of);
+    }
+    let (design, fit) = refitted(balance, &state, unsaid);
+    let masses: Vec<usize> = design.masses.iter().map(|(k, _)| *k).collect();
+    let state = state.fitted_as(design, fit);
+    let mut written = doubt(balance, &state, &rest(balance, &state));
+    masses.into_iter().for_each(|k| written.numbers[k] = doubt_of.numbers[k]);
+    (state, written)
 }
 
 /// Numbers that the model leaves out and the recordings have, strongest first; `level`: what chance reaches.
 pub(super) fn absent(balance: &Balance, state: &State, doubt: &Doubt, level: f64) -> Vec<Absent> {
-    let base = &state.base;
     let mut list = Vec::new();
     for number in left_out(balance, state) {
-        let Some(k) = base.numbers.iter().position(|n| *n == number) else { continue };
+        let Some((value, deviation)) = more_than_at_motor(balance, (state, doubt), number) else { continue };
         let evidence_nats = evidence_nats(balance, state, &[number]);
-        let at_motor = stated_at_motor(balance, number);
-        let value = estimate(state, (k, number)) - at_motor;
-        let of_statement = number.key().map_or(0.0, |(_, tolerance)| tolerance * at_motor);
-        let deviation = doubt.numbers[k].hypot(of_statement);
         if value > Z95 * deviation && evidence_nats > level {
             list.push(Absent { number, value, deviation, evidence_nats });
         }
     }
     list.sort_by(|a, b| b.evidence_nats.total_cmp(&a.evidence_nats));
     list
+}
+
+/// The same as another fit has them.
+pub(super) fn told_by(
+    balance: &Balance,
+    (state, doubt): (&State, &Doubt),
+    absent: Vec<Absent>,
+) -> Vec<Absent> {
+    let of = |a: Absent| {
+        let (value, deviation) = more_than_at_motor(balance, (state, doubt), a.number)?;
+        Some(Absent { value, deviation, ..a })
+    };
+    absent.into_iter().filter_map(of).collect()
+}
+
+/// A number less what is stated of it at the motor, and its deviation.
+fn more_than_at_motor(
+    balance: &Balance,
+    (state, doubt): (&State, &Doubt),
+    number: Number,
+) -> Option<(f64, f64)> {
+    let k = state.base.numbers.iter().position(|n| *n == number)?;
+    let at_motor = stated_at_motor(balance, number);
+    let of_statement = number.key().map_or(0.0, |(_, tolerance)| tolerance * at_motor);
+    Some((estimate(state, (k, number)) - at_motor, doubt.numbers[k].hypot(of_statement)))
 }
 
 /// T of all columns of some numbers together, nats.
@@ -231,11 +273,12 @@ fn evidence_nats(balance: &Balance, state: &State, numbers: &[Number]) -> f64 {
 pub(super) fn undivided(balance: &Balance, state: &State, unsaid: &[Number]) -> Option<[f64; 2]> {
     let base = &state.base;
     let open: Vec<Number> = unsaid.iter().filter(|n| base.numbers.contains(n)).copied().collect();
-    let places = places_without(balance, state, &open);
+    let held = held_without(balance, state, &open);
     let cost = price(open.len(), values(&base.all));
     let chance = |(k, null): (usize, &Fit)| {
-        let design = knockoff_design(&base.design, &base.fit.beta, base.knockoffs + k).kept(&places);
-        let start: Vec<f64> = places.iter().map(|p| null.beta[*p]).collect();
+        let mut design = knockoff_design(&base.design, &base.fit.beta, base.knockoffs + k);
+        let mut start = null.beta.clone();
+        held.iter().for_each(|(k, _)| (design.bounds[*k], start[*k]) = ([0.0; 2], 0.0));
         let weights = design.weights(&base.all, &start);
         design.fit(&base.all, start, weights).nats - null.nats - cost
     };
@@ -251,9 +294,18 @@ pub(super) fn unsaid(balance: &Balance, state: &State, said: &[Absent]) -> Vec<N
     all.filter(|number| said.iter().all(|a| a.number != *number)).collect()
 }
 
+/// Numbers as they are stated: of dry friction what is not in a stated bristle.
+fn stated_numbers(balance: &Balance, state: &State) -> Mechanics {
+    let mut m = stated_mechanics(balance);
+    let bristles =
+        state.accepted.iter().filter(|a| a.given.is_some() && a.hypothesis.facts().is_dry_friction);
+    m.stage_coulomb_n = (m.stage_coulomb_n - bristles.map(|a| a.amplitudes[0]).sum::<f64>()).max(0.0);
+    m
+}
+
 /// The stated numbers in the order of the balance, and its laws as they are stated.
 pub(super) fn stated_beta(balance: &Balance, state: &State) -> Vec<f64> {
-    let m = stated_mechanics(balance);
+    let m = stated_numbers(balance, state);
     let number = |(k, n): (usize, &Number)| match n {
         Number::Zero | Number::Scale => state.base.fit.beta[k],
         Number::EncoderTiming => -balance.stage_later_s.unwrap_or(0.0),
@@ -266,7 +318,7 @@ pub(super) fn stated_beta(balance: &Balance, state: &State) -> Vec<f64> {
 
 /// The fitted numbers, those that the model states and the recordings tell as they are stated.
 pub(super) fn fitted_as_stated(balance: &Balance, state: &State) -> Vec<f64> {
-    let m = stated_mechanics(balance);
+    let m = stated_numbers(balance, state);
     let mut beta = state.base.fit.beta.clone();
     for (value, number) in beta.iter_mut().zip(&state.base.numbers) {
         let is_told = state.now.inertial || *number != Number::StageMass;
@@ -280,6 +332,7 @@ pub(super) fn fitted_as_stated(balance: &Balance, state: &State) -> Vec<f64> {
 /// A number of the drive beside its estimate.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Beside {
+    pub(super) number: Number,
     pub(super) key: &'static str,
     pub(super) nominal: f64,
     pub(super) value: f64,
@@ -322,7 +375,7 @@ pub(super) fn beside(balance: &Balance, axis: &AxisModel, state: &State, doubt: 
         let nominal = as_stated.number(key).unwrap_or(0.0) - of_screw;
         let value = unit * estimate(state, (k, *number)) - other;
         let deviation = unit * doubt.numbers[k];
-        Some(Beside { key, nominal, value, deviation, other, tolerance })
+        Some(Beside { number: *number, key, nominal, value, deviation, other, tolerance })
     };
     state.base.numbers.iter().enumerate().filter_map(of).collect()
 }

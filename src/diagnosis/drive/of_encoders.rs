@@ -5,7 +5,7 @@ use super::columns::TimeColumn;
 use super::encoders::ReadError;
 use super::evidence::level;
 use super::heldout::{Named, Stepped};
-use super::numbers::{fit_without, with_none};
+use super::numbers::fit_without;
 use super::recorded::position_at;
 use super::rest::{Rest, rest_of};
 use super::series::of_recording;
@@ -94,7 +94,7 @@ impl Case<'_> {
     /// What the stated model leaves of the recordings as they came, without numbers that it does not state.
     pub(super) fn before(&self, unsaid: &[Number]) -> Rest {
         let (design, beta) = fit_without(self.balance, self.start, unsaid);
-        let as_read = self.as_read(self.start, &with_none(self.balance, self.start, unsaid, &beta));
+        let as_read = self.as_read(self.start, &beta);
         as_read.unwrap_or_else(|| rest_of(self.balance, self.start, (&design, &beta)))
     }
 

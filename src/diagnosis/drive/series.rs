@@ -19,17 +19,12 @@ pub(super) struct Residuals {
     pub(super) after: Vec<Vec<Vec<f64>>>,
 }
 
-/// The residuals of the stated numbers, of the first state, and of the last one as it is written: with these
-/// coefficients.
-pub(super) fn residuals(
-    balance: &Balance,
-    (start, stated): (&State, &[f64]),
-    (end, written): (&State, &[f64]),
-) -> Residuals {
+/// The residuals of the stated numbers, of the first state, and of the last one.
+pub(super) fn residuals(balance: &Balance, (start, stated): (&State, &[f64]), end: &State) -> Residuals {
     Residuals {
         nominal: of(balance, start, stated, Path::stated(&balance.drive)),
         before: of(balance, start, &start.base.fit.beta, start.ground(balance).path),
-        after: of(balance, end, written, end.ground(balance).path),
+        after: of(balance, end, &end.base.fit.beta, end.ground(balance).path),
     }
 }
 

@@ -7,6 +7,7 @@ pub(super) use super::base::{Base, amplitude_bounds, knockoff_design, residual};
 use super::columns::Ground;
 use super::dynamics::Idle;
 use super::laws::{Deviations, Shape, Told};
+use super::likelihood::{Design, Fit};
 pub(super) use super::number::Number;
 use super::signals::Layout;
 use std::sync::Arc;
@@ -87,6 +88,24 @@ impl State {
         a.hypothesis = a.hypothesis.by(form);
         a.amplitudes = vec![0.0; a.hypothesis.columns(&out.now.ground(balance)).len()];
         out.rebuilt(balance)
+    }
+
+    /// The same balance by another fit of it, when a force acts as it was.
+    pub(super) fn fitted_as(&self, design: Design, fit: Fit) -> Self {
+        let mut out = self.with_numbers(&fit.beta);
+        for k in 0..out.accepted.len() {
+            let (place, a) = (self.place(k), &mut out.accepted[k]);
+            let (before, now) = (self.base.fit.beta[place], fit.beta[place]);
+            if a.given.is_some() {
+                a.scale = now;
+            } else if a.is_one_column() {
+                a.amplitudes.iter_mut().for_each(|x| *x *= now / before);
+            } else {
+                a.amplitudes.iter_mut().zip(&fit.beta[place..]).for_each(|(x, b)| *x = *b);
+            }
+        }
+        out.base = Arc::new(Base { design, fit, ..(*self.base).clone() });
+        out
     }
 
     /// The same before anything is asked: what moves nothing is looked at anew.

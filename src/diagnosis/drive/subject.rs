@@ -399,19 +399,26 @@ impl Best<'_> {
         }
     }
 
-    /// Begin and end of a cut: steps that grow while they gain, then finer ones.
+    /// Begins and ends of a cut in each recording: steps that grow while they gain, then finer ones.
     fn edges(&mut self, work: &mut Work) {
-        let Some(given) = self.h.window_s() else { return };
+        let windows = self.h.windows_s().len().min(self.balance.signals.tracks.len());
+        (0..windows).for_each(|window| self.edges_of(window, work));
+    }
+
+    fn edges_of(&mut self, window: usize, work: &mut Work) {
+        let ends_s = |best: &Self| best.h.windows_s()[window];
+        let given = ends_s(self);
         let last_s = self.balance.signals.longest_s();
         let inside = |s: f64| s > 0.0 && s < last_s;
         let steps = [0.3, 0.1, 0.04, 0.015].into_iter().flat_map(|by| [(by, 0), (by, 1)]);
         for (by, which) in steps.filter(|(_, which)| inside(given[*which])) {
             for sign in [-1.0, 1.0] {
                 let mut step = sign * by;
-                while let Some(mut ends) = self.h.window_s() {
+                loop {
+                    let mut ends = ends_s(self);
                     ends[which] += step;
                     let is_one = ends[1] - ends[0] >= 0.1 && inside(ends[which]);
-                    if !is_one || !self.take(self.h.within(ends), 0.0, work) {
+                    if !is_one || !self.take(self.h.within(window, ends), 0.0, work) {
                         break;
                     }
                     step *= 1.5;
@@ -421,9 +428,9 @@ impl Best<'_> {
         // A cut that ends inside of the recording has a number more.
         let price = self.price(1);
         for (which, end_s) in [(0, 0.0), (1, last_s)] {
-            let Some(mut ends) = self.h.window_s() else { break };
+            let mut ends = ends_s(self);
             if inside(std::mem::replace(&mut ends[which], end_s)) {
-                self.take(self.h.within(ends), price, work);
+                self.take(self.h.within(window, ends), price, work);
             }
         }
     }

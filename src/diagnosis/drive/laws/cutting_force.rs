@@ -1,5 +1,5 @@
-//! A cut: harmonics and a mean in a window, each recording with its own phases; and the mean force of tools
-//! that cut in one recording while the spindle turns.
+//! A cut: harmonics and a mean in a window, each recording with its own phases and its own window; and the mean
+//! force of tools that cut in one recording while the spindle turns.
 
 use super::*;
 use crate::plant::effects::cutting_force::{END, FUNDAMENTAL, HARMONICS, PEAK, SPECIFICATION, START};
@@ -11,12 +11,15 @@ use std::f64::consts::TAU;
 /// others are tried.
 const HARMONICS_TRIED: [usize; 4] = [4, 1, 2, 10];
 
+/// Recordings that have a window of their own; those after them have that of the last.
+const WINDOWS: usize = 8;
+
 /// Share of all frequencies that beats may fill: so many cuts are taken for one.
 const BEATS: f64 = 0.05;
 
 pub(super) const EFFECT: Effect = Effect {
     candidates: |search| {
-        let whole = [0.0, search.signals.longest_s()];
+        let whole = [[0.0, search.signals.longest_s()]; WINDOWS];
         let of_spindle = search.signals.spindle_hz().map(|hz| Cut::searched(hz, whole, search.signals));
         let of_spindle = of_spindle.map(|law| Hypothesis::new(Port::Stage, law));
         of_spindle.into_iter().chain(search.lines().iter().copied()).collect()
@@ -27,8 +30,8 @@ pub(super) const EFFECT: Effect = Effect {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Cut {
     pub(crate) hz: f64,
-    /// Begin and end, s since the recording began.
-    pub(crate) window_s: [f64; 2],
+    /// Begin and end in each recording, s since it began.
+    windows_s: [[f64; 2]; WINDOWS],
     harmonics: usize,
 }
 
@@ -54,8 +57,8 @@ fn facts() -> Facts {
 }
 
 impl Cut {
-    fn searched(hz: f64, window_s: [f64; 2], signals: &Signals) -> Self {
-        Self { hz, window_s, harmonics: HARMONICS_TRIED[0] }.below(signals.top_hz())
+    fn searched(hz: f64, windows_s: [[f64; 2]; WINDOWS], signals: &Signals) -> Self {
+        Self { hz, windows_s, harmonics: HARMONICS_TRIED[0] }.below(signals.top_hz())
     }
 
     /// Without the harmonics above a frequency, the first apart.
@@ -63,22 +66,39 @@ impl Cut {
         Self { harmonics: self.harmonics.min((top_hz / self.hz) as usize).max(1), ..self }
     }
 
-    /// True while it lasts.
-    fn lasts(&self, t_s: f64) -> bool {
-        (self.window_s[0]..self.window_s[1]).contains(&t_s)
+    /// From when to when it lasts in a recording, s since that began.
+    fn window_s(&self, recording: usize) -> [f64; 2] {
+        self.windows_s[recording.min(WINDOWS - 1)]
+    }
+
+    /// True while it lasts in a recording.
+    fn lasts(&self, recording: usize, t_s: f64) -> bool {
+        let [start_s, end_s] = self.window_s(recording);
+        (start_s..end_s).contains(&t_s)
+    }
+
+    /// How long two cuts last at once in a recording, s at most.
+    pub(crate) fn longest_beside_s(&self, other: &Self) -> f64 {
+        let both_s = |(a, b): (&[f64; 2], &[f64; 2])| a[1].min(b[1]) - a[0].max(b[0]);
+        self.windows_s.iter().zip(&other.windows_s).map(both_s).fold(0.0, f64::max)
     }
 
     /// True where it has a mean: one that lasts for all of the recordings is a load, unless a spindle turns.
     fn has_mean(&self, signals: &Signals) -> bool {
-        let [start_s, end_s] = self.window_s;
-        start_s > 0.0 || end_s < signals.longest_s() || signals.spindle_hz().is_some()
+        let ends = |(r, _): (usize, &Track)| {
+            let [start_s, end_s] = self.window_s(r);
+            start_s > 0.0 || end_s < signals.longest_s()
+        };
+        signals.answering().any(ends) || signals.spindle_hz().is_some()
     }
 
     /// Recordings that it has columns of, with their places.
     fn recordings(self, signals: &Signals) -> impl Iterator<Item = (usize, &Track)> {
         let step = signals.step;
-        let has = move |track: &Track| (0..track.thin_count()).any(|j| self.lasts(track.thin_s(j, step)));
-        signals.answering().filter(move |(_, track)| has(track))
+        let has = move |(r, track): &(usize, &Track)| {
+            (0..track.thin_count()).any(|j| self.lasts(*r, track.thin_s(j, step)))
+        };
+        signals.answering().filter(has)
     }
 
     /// True where the drive pushes at the frequency of its strongest harmonic with more than twice its force:
@@ -92,17 +112,19 @@ impl Cut {
             let waves = set[..2 * harmonics].chunks_exact(2).enumerate();
             waves.map(move |(h, c)| (of, (h + 1) as f64 * self.hz, c[0].hypot(c[1])))
         });
-        let Some(((_, track), hz, most_n)) = sizes.max_by(|a, b| a.2.total_cmp(&b.2)) else { return false };
+        let Some(((r, track), hz, most_n)) = sizes.max_by(|a, b| a.2.total_cmp(&b.2)) else { return false };
         let thrust = s.thrust(track, ground.path).into_iter().enumerate();
-        let thrust: Vec<(f64, f64)> =
-            thrust.map(|(j, f)| (track.thin_s(j, s.step), f)).filter(|(t_s, _)| self.lasts(*t_s)).collect();
+        let thrust: Vec<(f64, f64)> = thrust
+            .map(|(j, f)| (track.thin_s(j, s.step), f))
+            .filter(|(t_s, _)| self.lasts(r, *t_s))
+            .collect();
         0.5 * stands_out_n(&thrust, hz) > most_n
     }
 
     /// True where it is what the steps of the encoder beat at the even speed of the middle half of its
     /// window: at the ends there may be starts and stops.
-    fn is_beat(&self, signals: &Signals, track: &Track) -> bool {
-        let [start_s, end_s] = self.window_s;
+    fn is_beat(&self, signals: &Signals, (recording, track): (usize, &Track)) -> bool {
+        let [start_s, end_s] = self.window_s(recording);
         let inside = |j: &usize| {
             let t_s = track.thin_s(*j, signals.step);
             (t_s - 0.5 * (start_s + end_s)).abs() < 0.25 * (end_s - start_s)
@@ -162,8 +184,9 @@ impl Law for Cut {
     fn tell(&self, told: &Told<'_>, sheet: &mut Sheet) -> bool {
         let signals = &told.balance.signals;
         let columns = (self.harmonics, self.has_mean(signals));
-        let peak = peak_of_cut(told.amplitudes, columns, told.deviation(0));
-        tell(sheet, [self.hz, told.relative(0)], peak, (self.window_s, 0.02));
+        let (set, peak) = peak_of_cut(told.amplitudes, columns, told.deviation(0));
+        let of = self.recordings(signals).nth(set).map_or(0, |(r, _)| r);
+        tell(sheet, [self.hz, told.relative(0)], peak, (self.window_s(of), 0.02));
         true
     }
 
@@ -179,7 +202,7 @@ impl Law for Cut {
     /// makes, is no cut.
     fn is_void(&self, ground: &Ground<'_>, amplitudes: &[f64]) -> bool {
         let s = ground.signals;
-        let is_beat = || s.sides() == 1 && s.tracks.iter().any(|t| self.is_beat(s, t));
+        let is_beat = || s.sides() == 1 && s.tracks.iter().enumerate().any(|of| self.is_beat(s, of));
         self.hz > s.top_hz() || is_beat() || self.is_driven(ground, amplitudes)
     }
 
@@ -189,7 +212,11 @@ impl Law for Cut {
         let mut out = Vec::new();
         for (r, _) in self.recordings(s) {
             let mut push = |f: &dyn Fn(f64) -> f64| {
-                out.push(ground.in_recording(r, s.last(), |t_s| if self.lasts(t_s) { f(t_s) } else { 0.0 }));
+                out.push(ground.in_recording(
+                    r,
+                    s.last(),
+                    |t_s| if self.lasts(r, t_s) { f(t_s) } else { 0.0 },
+                ));
             };
             for h in 1..=self.harmonics {
                 let w = TAU * self.hz * h as f64;
@@ -203,8 +230,16 @@ impl Law for Cut {
         Some(out)
     }
 
-    fn window_s(&mut self) -> Option<&mut [f64; 2]> {
-        Some(&mut self.window_s)
+    fn windows_s(&mut self) -> &mut [[f64; 2]] {
+        &mut self.windows_s
+    }
+
+    /// In every recording as in the one where it lasts longest.
+    fn starts(&self, balance: &Balance) -> Vec<Shape> {
+        let long_s = |r: &usize| self.window_s(*r)[1] - self.window_s(*r)[0];
+        let longest = (0..balance.signals.tracks.len()).max_by(|a, b| long_s(a).total_cmp(&long_s(b)));
+        let same = longest.map(|r| Self { windows_s: [self.window_s(r); WINDOWS], ..*self });
+        same.filter(|same| same != self).into_iter().map(Shape::from).collect()
     }
 
     /// Its mean is a load as long as it lasts; where a spindle turns it is the cut's.
@@ -254,34 +289,37 @@ impl Law for Push {
         Some(vec![ground.in_recording(self.recording, ground.signals.last(), inside)])
     }
 
-    fn window_s(&mut self) -> Option<&mut [f64; 2]> {
-        Some(&mut self.window_s)
+    fn windows_s(&mut self) -> &mut [[f64; 2]] {
+        std::slice::from_mut(&mut self.window_s)
     }
 }
 
-/// Largest force of a cut over a period, its mean included, of the recording where it is largest.
+/// Largest force of a cut over a period, its mean included, of the set of amplitudes where it is largest.
 ///
 /// A tool that cuts part of the time pushes in pulses: their height is what the machine feels, not the
 /// amplitude of one harmonic.
-fn peak_of_cut(amplitudes: &[f64], (harmonics, has_mean): (usize, bool), deviation: f64) -> [f64; 2] {
+fn peak_of_cut(
+    amplitudes: &[f64],
+    (harmonics, has_mean): (usize, bool),
+    deviation: f64,
+) -> (usize, [f64; 2]) {
     /// Places in a period.
     const PLACES: usize = 360;
     // Sine and cosine of each harmonic, then the mean.
     let length = 2 * harmonics + usize::from(has_mean);
-    let mut most = 0.0_f64;
-    for set in amplitudes.chunks_exact(length) {
+    let force_n = |set: &[f64], place: usize| {
         let (waves, mean) = set.split_at(2 * harmonics);
-        for place in 0..PLACES {
-            let turn = TAU * place as f64 / PLACES as f64;
-            let of = |(h, c): (usize, &[f64])| {
-                let (sin, cos) = ((h + 1) as f64 * turn).sin_cos();
-                c[0] * sin + c[1] * cos
-            };
-            let wave: f64 = waves.chunks_exact(2).enumerate().map(of).sum();
-            most = most.max((mean.iter().sum::<f64>() + wave).abs());
-        }
-    }
-    [most, deviation * (length as f64).sqrt()]
+        let turn = TAU * place as f64 / PLACES as f64;
+        let of = |(h, c): (usize, &[f64])| {
+            let (sin, cos) = ((h + 1) as f64 * turn).sin_cos();
+            c[0] * sin + c[1] * cos
+        };
+        (mean.iter().sum::<f64>() + waves.chunks_exact(2).enumerate().map(of).sum::<f64>()).abs()
+    };
+    let peaks =
+        amplitudes.chunks_exact(length).map(|set| (0..PLACES).map(|k| force_n(set, k)).fold(0.0, f64::max));
+    let (set, most_n) = peaks.enumerate().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0, 0.0));
+    (set, [most_n, deviation * (length as f64).sqrt()])
 }
 
 impl Search<'_> {
@@ -299,14 +337,14 @@ impl Search<'_> {
     }
 
     fn way_of_line(&self, h: &Hypothesis) -> Option<f64> {
-        let Shape::Cut(Cut { hz, window_s: [start_s, end_s], .. }) = h.shape else { return None };
+        let Shape::Cut(cut) = h.shape else { return None };
         let mut speeds = Vec::new();
-        for track in &self.signals.tracks {
-            let inside = |j: &usize| (start_s..end_s).contains(&track.thin_s(*j, self.signals.step));
+        for (r, track) in self.signals.tracks.iter().enumerate() {
+            let inside = |j: &usize| cut.lasts(r, track.thin_s(*j, self.signals.step));
             speeds.extend((0..track.thin_count()).filter(inside).map(|j| track.thin.velocity[0][j].abs()));
         }
         speeds.sort_by(f64::total_cmp);
-        speeds.get(speeds.len() / 2).map(|v| v / hz).filter(|way_m| *way_m > 0.0)
+        speeds.get(speeds.len() / 2).map(|v| v / cut.hz).filter(|way_m| *way_m > 0.0)
     }
 }
 
@@ -323,37 +361,55 @@ fn cuts(balance: &Balance, left: &Column) -> Vec<Hypothesis> {
         if bins < 32 {
             continue;
         }
-        let mut sums = vec![0.0; bins];
+        let mut over = vec![0.0; bins];
         for (_, power) in &blocks {
             let floor = sliding_median(power, 12);
-            let ratios: Vec<f64> = power.iter().zip(&floor).map(|(p, f)| p / f.max(1e-300)).collect();
-            for k in 3..bins {
-                let of = |h: usize| ratios.get(h * k).map_or(0.0, |r| (r - 1.0).clamp(0.0, 200.0));
-                sums[k] += (1..=HARMONICS_TRIED[0]).map(of).sum::<f64>() / blocks.len() as f64;
+            for ((over, p), f) in over.iter_mut().zip(power).zip(&floor) {
+                *over += (p / f.max(1e-300) - 1.0).clamp(0.0, 200.0) / blocks.len() as f64;
             }
         }
+        // With as many harmonics as pay a price of one each: a third of a line's frequency explains it too.
+        let of = |k: usize| {
+            let each = (1..=HARMONICS_TRIED[0]).map(|h| over.get(h * k).map_or(-1.0, |over| over - 1.0));
+            let sums = each.scan(0.0, |sum, next| {
+                *sum += next;
+                Some(*sum)
+            });
+            sums.fold(f64::NEG_INFINITY, f64::max)
+        };
+        let sums: Vec<f64> = (0..bins).map(of).collect();
         let mut order: Vec<usize> = (4..bins - 1).collect();
         order.sort_by(|a, b| sums[*b].total_cmp(&sums[*a]));
         best.extend(order.into_iter().take(2).map(|k| (sums[k], k as f64 * bin_hz, r)));
     }
     best.sort_by(|a, b| b.0.total_cmp(&a.0));
     best.truncate(2);
-    best.into_iter().filter_map(|(_, hz, r)| cut_at(balance, &series[r], (hz, r))).collect()
+    best.into_iter().filter_map(|(_, hz, r)| cut_at(balance, &series, (hz, r))).collect()
 }
 
-/// The line near `hz` in one recording, where its envelope is above half of its plateau.
-fn cut_at(balance: &Balance, x: &[f64], (hz, recording): (f64, usize)) -> Option<Hypothesis> {
-    let line = Demodulated::new(&balance.signals, x, (hz, recording));
+/// The line near `hz` in one recording, and where its envelope is above half of its plateau in that one and
+/// in each other one.
+fn cut_at(balance: &Balance, series: &[Vec<f64>], (hz, recording): (f64, usize)) -> Option<Hypothesis> {
+    let s = &balance.signals;
+    let line = Demodulated::new(s, &series[recording], (hz, recording));
     let reach = balance.plan.bin_hz.min(0.45 / line.each_s);
-    let off = strongest_off(std::slice::from_ref(&line), reach);
+    let hz = hz + strongest_off(std::slice::from_ref(&line), reach);
+    let mut windows_s = [plateau_s(&line)?; WINDOWS];
+    for (r, _) in s.answering().filter(|(r, _)| *r < WINDOWS && *r != recording) {
+        windows_s[r] = plateau_s(&Demodulated::new(s, &series[r], (hz, r))).unwrap_or(windows_s[r]);
+    }
+    Some(Hypothesis::new(Port::Stage, Cut::searched(hz, windows_s, s)))
+}
+
+/// Where the envelope of a line is above half of its plateau, s.
+fn plateau_s(line: &Demodulated) -> Option<[f64; 2]> {
     let sizes: Vec<f64> = line.sums.iter().map(|v| v.norm()).collect();
     let mut sorted = sizes.clone();
     sorted.sort_by(f64::total_cmp);
     let plateau = sorted[sorted.len() * 9 / 10];
     let above: Vec<bool> = sizes.iter().map(|v| *v > 0.5 * plateau).collect();
     let (from, to) = longest_run(&above)?;
-    let edge = |c: usize| line.first_s + c as f64 * line.each_s;
-    Some(Hypothesis::new(Port::Stage, Cut::searched(hz + off, [edge(from), edge(to)], &balance.signals)))
+    Some([from, to].map(|c| line.first_s + c as f64 * line.each_s))
 }
 
 /// Begin and end of the longest stretch of true, single gaps bridged.

@@ -178,9 +178,9 @@ pub(crate) trait Law {
         None
     }
 
-    /// Begin and end, s since a recording began, where it lasts for a while.
-    fn window_s(&mut self) -> Option<&mut [f64; 2]> {
-        None
+    /// Begins and ends, s since a recording began, where it lasts for a while: in each recording, or in one.
+    fn windows_s(&mut self) -> &mut [[f64; 2]] {
+        &mut []
     }
 
     /// Laws that may be what it seems to be: it is told by what it explains beside them.
@@ -380,15 +380,15 @@ impl Hypothesis {
         matches!(self.shape, Shape::Map(_))
     }
 
-    /// Begin and end of what lasts for a while, s since the recording began.
-    pub(crate) fn window_s(&self) -> Option<[f64; 2]> {
+    /// Begins and ends of what lasts for a while, see [`Law::windows_s`].
+    pub(crate) fn windows_s(&self) -> Vec<[f64; 2]> {
         let mut own = self.shape;
-        own.law_mut().window_s().copied()
+        own.law_mut().windows_s().to_vec()
     }
 
-    /// The same from another begin to another end.
-    pub(crate) fn within(mut self, ends_s: [f64; 2]) -> Self {
-        self.law_mut().window_s().into_iter().for_each(|own| *own = ends_s);
+    /// The same from another begin to another end in one window.
+    pub(crate) fn within(mut self, window: usize, ends_s: [f64; 2]) -> Self {
+        self.law_mut().windows_s()[window] = ends_s;
         self
     }
 
