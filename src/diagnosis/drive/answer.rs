@@ -11,9 +11,7 @@ use super::laws::{Deviations, Hypothesis, Shape, scale_deviation};
 use super::likelihood::Design;
 use super::model::{is_other_size, sizes};
 use super::notes;
-use super::numbers::{
-    self, Absent, Doubt, absent, as_written, corrections, doubt, stated_beta, told_by, undivided, unsaid,
-};
+use super::numbers::{self, Absent, AsWritten, Doubt, as_written, corrections, doubt, stated_beta};
 use super::rest::{Rest, rest, rest_of, spans_s};
 use super::series::{Residuals, contribution, contribution_of_number, residuals};
 use super::signals::Track;
@@ -58,9 +56,9 @@ pub(super) fn is_other_than_zero(
         && (sizes.peek().is_none() || sizes.any(|told| told))
 }
 
-/// Drops laws that the recordings do not determine, or puts in the place of one what it becomes at a bound of
-/// its constants; what is left is built anew. Of two that stand for one another neither is determined: the one
-/// goes that the other does without at the least loss.
+/// Drops laws that the recordings do not determine, or puts in the place of one what it becomes at a bound
+/// of its constants; what is left is built anew. Of two that stand for one another neither is determined: the
+/// one goes that the other does without at the least loss.
 pub(super) fn determined(balance: &Balance, mut state: State) -> (State, Doubt, Rest) {
     loop {
         let left = rest(balance, &state);
@@ -101,12 +99,8 @@ impl Case<'_> {
         let balance = self.balance;
         let (state, doubt, _) = determined(balance, state);
         let level = self.level(&state);
-        let absent = absent(balance, &state, &doubt, level);
-        // What the written model leaves: a number that it does not state is none of it.
-        let unsaid = unsaid(balance, &state, &absent);
-        let undivided = undivided(balance, &state, &unsaid);
-        let (state, doubt) = as_written(balance, (state, doubt), &unsaid);
-        let absent = told_by(balance, (&state, &doubt), absent);
+        let written = as_written(balance, (state, doubt), level);
+        let AsWritten { state, doubt, absent, unsaid, undivided } = written;
         let mut found = self.found(&state, &doubt, &absent, level);
         found.extend(self.of_encoders(&state));
         // The model says how much it leaves, and no more is left.

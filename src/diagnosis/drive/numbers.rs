@@ -200,26 +200,44 @@ fn refitted(balance: &Balance, state: &State, numbers: &[Number]) -> (Design, Fi
     (design, fit)
 }
 
-/// A state as it is written: without numbers that nothing says; and its deviations, those of masses as they
-/// were.
-pub(super) fn as_written(
-    balance: &Balance,
-    (state, doubt_of): (State, Doubt),
-    unsaid: &[Number],
-) -> (State, Doubt) {
+/// A state as it is written.
+pub(super) struct AsWritten {
+    /// Without numbers that nothing says.
+    pub(super) state: State,
+    /// Its deviations, those of masses as they were beside all numbers.
+    pub(super) doubt: Doubt,
+    /// What is said.
+    pub(super) absent: Vec<Absent>,
+    /// What is not: the model that is written has none of it.
+    pub(super) unsaid: Vec<Number>,
+    /// See [`undivided`].
+    pub(super) undivided: Option<[f64; 2]>,
+}
+
+/// A state with its deviations as it is written; `level`: what chance reaches.
+pub(super) fn as_written(balance: &Balance, (state, beside_all): (State, Doubt), level: f64) -> AsWritten {
+    let absent = absent(balance, &state, &beside_all, level);
+    let unsaid = unsaid(balance, &state, &absent);
     if unsaid.is_empty() {
-        return (state, doubt_of);
+        return AsWritten { state, doubt: beside_all, absent, unsaid, undivided: None };
     }
-    let (design, fit) = refitted(balance, &state, unsaid);
-    let masses: Vec<usize> = design.masses.iter().map(|(k, _)| *k).collect();
+    let undivided = undivided(balance, &state, &unsaid);
+    let (design, fit) = refitted(balance, &state, &unsaid);
     let state = state.fitted_as(design, fit);
-    let mut written = doubt(balance, &state, &rest(balance, &state));
-    masses.into_iter().for_each(|k| written.numbers[k] = doubt_of.numbers[k]);
-    (state, written)
+    let mut doubt = doubt(balance, &state, &rest(balance, &state));
+    for (k, _) in &state.base.design.masses {
+        doubt.numbers[*k] = beside_all.numbers[*k];
+    }
+    let told = |a: Absent| {
+        let (value, deviation) = more_than_at_motor(balance, (&state, &doubt), a.number)?;
+        Some(Absent { value, deviation, ..a })
+    };
+    let absent = absent.into_iter().filter_map(told).collect();
+    AsWritten { state, doubt, absent, unsaid, undivided }
 }
 
 /// Numbers that the model leaves out and the recordings have, strongest first; `level`: what chance reaches.
-pub(super) fn absent(balance: &Balance, state: &State, doubt: &Doubt, level: f64) -> Vec<Absent> {
+fn absent(balance: &Balance, state: &State, doubt: &Doubt, level: f64) -> Vec<Absent> {
     let mut list = Vec::new();
     for number in left_out(balance, state) {
         let Some((value, deviation)) = more_than_at_motor(balance, (state, doubt), number) else { continue };
@@ -230,19 +248,6 @@ pub(super) fn absent(balance: &Balance, state: &State, doubt: &Doubt, level: f64
     }
     list.sort_by(|a, b| b.evidence_nats.total_cmp(&a.evidence_nats));
     list
-}
-
-/// The same as another fit has them.
-pub(super) fn told_by(
-    balance: &Balance,
-    (state, doubt): (&State, &Doubt),
-    absent: Vec<Absent>,
-) -> Vec<Absent> {
-    let of = |a: Absent| {
-        let (value, deviation) = more_than_at_motor(balance, (state, doubt), a.number)?;
-        Some(Absent { value, deviation, ..a })
-    };
-    absent.into_iter().filter_map(of).collect()
 }
 
 /// A number less what is stated of it at the motor, and its deviation.
@@ -270,7 +275,7 @@ fn evidence_nats(balance: &Balance, state: &State, numbers: &[Number]) -> f64 {
 /// Evidence of numbers that are missed together, none of which is missed beside the others, and what chance
 /// reaches by them in the same recordings, nats: of two that stand for one another the recordings do not say
 /// which it is. `None`: none are.
-pub(super) fn undivided(balance: &Balance, state: &State, unsaid: &[Number]) -> Option<[f64; 2]> {
+fn undivided(balance: &Balance, state: &State, unsaid: &[Number]) -> Option<[f64; 2]> {
     let base = &state.base;
     let open: Vec<Number> = unsaid.iter().filter(|n| base.numbers.contains(n)).copied().collect();
     let held = held_without(balance, state, &open);

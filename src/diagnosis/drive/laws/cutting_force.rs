@@ -1,5 +1,5 @@
-//! A cut: harmonics and a mean in a window, each recording with its own phases and its own window; and the mean
-//! force of tools that cut in one recording while the spindle turns.
+//! A cut: harmonics and a mean in a window, each recording with its own phases and window; and the mean force
+//! of tools that cut in one recording while the spindle turns.
 
 use super::*;
 use crate::plant::effects::cutting_force::{END, FUNDAMENTAL, HARMONICS, PEAK, SPECIFICATION, START};
@@ -11,15 +11,19 @@ use std::f64::consts::TAU;
 /// others are tried.
 const HARMONICS_TRIED: [usize; 4] = [4, 1, 2, 10];
 
-/// Recordings that have a window of their own; those after them have that of the last.
-const WINDOWS: usize = 8;
+/// Begin and end in each recording, s since it began; those after the last have that of the last.
+type Windows = [[f64; 2]; 8];
+
+fn in_all(window_s: [f64; 2]) -> Windows {
+    std::array::from_fn(|_| window_s)
+}
 
 /// Share of all frequencies that beats may fill: so many cuts are taken for one.
 const BEATS: f64 = 0.05;
 
 pub(super) const EFFECT: Effect = Effect {
     candidates: |search| {
-        let whole = [[0.0, search.signals.longest_s()]; WINDOWS];
+        let whole = in_all([0.0, search.signals.longest_s()]);
         let of_spindle = search.signals.spindle_hz().map(|hz| Cut::searched(hz, whole, search.signals));
         let of_spindle = of_spindle.map(|law| Hypothesis::new(Port::Stage, law));
         of_spindle.into_iter().chain(search.lines().iter().copied()).collect()
@@ -30,8 +34,7 @@ pub(super) const EFFECT: Effect = Effect {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Cut {
     pub(crate) hz: f64,
-    /// Begin and end in each recording, s since it began.
-    windows_s: [[f64; 2]; WINDOWS],
+    windows_s: Windows,
     harmonics: usize,
 }
 
@@ -57,7 +60,7 @@ fn facts() -> Facts {
 }
 
 impl Cut {
-    fn searched(hz: f64, windows_s: [[f64; 2]; WINDOWS], signals: &Signals) -> Self {
+    fn searched(hz: f64, windows_s: Windows, signals: &Signals) -> Self {
         Self { hz, windows_s, harmonics: HARMONICS_TRIED[0] }.below(signals.top_hz())
     }
 
@@ -68,7 +71,7 @@ impl Cut {
 
     /// From when to when it lasts in a recording, s since that began.
     fn window_s(&self, recording: usize) -> [f64; 2] {
-        self.windows_s[recording.min(WINDOWS - 1)]
+        self.windows_s[recording.min(self.windows_s.len() - 1)]
     }
 
     /// True while it lasts in a recording.
@@ -238,7 +241,7 @@ impl Law for Cut {
     fn starts(&self, balance: &Balance) -> Vec<Shape> {
         let long_s = |r: &usize| self.window_s(*r)[1] - self.window_s(*r)[0];
         let longest = (0..balance.signals.tracks.len()).max_by(|a, b| long_s(a).total_cmp(&long_s(b)));
-        let same = longest.map(|r| Self { windows_s: [self.window_s(r); WINDOWS], ..*self });
+        let same = longest.map(|r| Self { windows_s: in_all(self.window_s(r)), ..*self });
         same.filter(|same| same != self).into_iter().map(Shape::from).collect()
     }
 
@@ -394,8 +397,9 @@ fn cut_at(balance: &Balance, series: &[Vec<f64>], (hz, recording): (f64, usize))
     let line = Demodulated::new(s, &series[recording], (hz, recording));
     let reach = balance.plan.bin_hz.min(0.45 / line.each_s);
     let hz = hz + strongest_off(std::slice::from_ref(&line), reach);
-    let mut windows_s = [plateau_s(&line)?; WINDOWS];
-    for (r, _) in s.answering().filter(|(r, _)| *r < WINDOWS && *r != recording) {
+    let mut windows_s = in_all(plateau_s(&line)?);
+    let last = windows_s.len() - 1;
+    for (r, _) in s.answering().filter(|(r, _)| *r <= last && *r != recording) {
         windows_s[r] = plateau_s(&Demodulated::new(s, &series[r], (hz, r))).unwrap_or(windows_s[r]);
     }
     Some(Hypothesis::new(Port::Stage, Cut::searched(hz, windows_s, s)))
