@@ -561,6 +561,37 @@ fn a_rigid_axis_tells_a_cut_from_a_hill() {
     assert_eq!(again.verdict, Verdict::ModelAdequate, "with its size corrected");
 }
 
+/// What is told and what is written are one: the written model leaves what was said that it leaves, though when
+/// inside a sample the reference acts and in what form friction turns stand in no model.
+#[test]
+fn the_written_model_leaves_what_was_said() {
+    let kept = |line: &&str| !line.contains("damping") && !line.contains("friction");
+    let bare: Vec<&str> = RIGID.lines().filter(kept).collect();
+    let bare = bare.join("\n").replace("60.0", "90.0");
+    let machine = machine_from_text(Path::new("machine.toml"), &bare).unwrap();
+    let recording = rigid_recording(0.0, 0.0);
+    let d = ask(&machine, &recording);
+    let mut said: Vec<_> = d.findings.iter().map(|f| f.effect.name()).collect();
+    said.sort_unstable();
+    assert_eq!(said, ["coulomb_friction", "viscous_friction"], "{:?}", d.notes);
+    assert_eq!(d.parameter_corrections.len(), 1);
+    let again = ask(&d.model, &recording);
+    assert_eq!(again.verdict, Verdict::ModelAdequate);
+    let [said_n, leaves_n] = [d.recordings[0].rms_after_n, again.recordings[0].rms_before_n];
+    assert!((leaves_n / said_n - 1.0).abs() < 0.05, "{leaves_n} N for {said_n} N");
+}
+
+/// A stated bristle is a part of the stated dry friction, not more of it.
+#[test]
+fn a_stated_bristle_is_counted_once() {
+    let bristle = "[[axes.x.physics]]\neffect = \"presliding_friction\"\nport = \"stage\"\n\
+        presliding_stiffness_n_m = 1.0e7\nshare = 0.9\n";
+    let machine = machine_from_text(Path::new("machine.toml"), &format!("{RIGID}{bristle}")).unwrap();
+    let d = ask(&machine, &rigid_recording(0.0, 0.0));
+    // Friction of 100 N turns over 20 mm/s in place of 10 um.
+    assert!(d.recordings[0].rms_before_n < 40.0, "{} N", d.recordings[0].rms_before_n);
+}
+
 /// The drift of friction begins with the recording, whatever the clock says.
 #[test]
 fn a_rigid_axis_warms_up_by_the_time_since_its_recording_began() {

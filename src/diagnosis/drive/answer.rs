@@ -59,7 +59,7 @@ pub(super) fn is_other_than_zero(
 /// Drops laws that the recordings do not determine, or puts in the place of one what it becomes at a bound
 /// of its constants; what is left is built anew. Of two that stand for one another neither is determined: the
 /// one goes that the other does without at the least loss.
-pub(super) fn determined(balance: &Balance, mut state: State) -> (State, Doubt, Rest) {
+fn determined(balance: &Balance, mut state: State) -> (State, Doubt) {
     loop {
         let left = rest(balance, &state);
         let doubt = doubt(balance, &state, &left);
@@ -70,7 +70,7 @@ pub(super) fn determined(balance: &Balance, mut state: State) -> (State, Doubt, 
                 || !is_other_than_zero(balance, (&state, a), d)
                 || a.hypothesis.is_at_bound()
                 || a.hypothesis.law().is_void(&state.ground(balance), &a.amplitudes);
-            if let Some(limit) = a.hypothesis.law().limit().filter(|_| vague) {
+            if let Some(limit) = a.hypothesis.law().limit(&balance.signals).filter(|_| vague) {
                 return Some(state.with_form(balance, k, limit));
             }
             // Or the others foretell what was held out better: each part has been told by itself.
@@ -81,11 +81,15 @@ pub(super) fn determined(balance: &Balance, mut state: State) -> (State, Doubt, 
         let pairs = state.accepted.iter().zip(&doubt.laws).enumerate();
         let without = pairs.filter(found).filter_map(others_if_vague);
         match without.min_by(|a, b| a.base.fit.nats.total_cmp(&b.base.fit.nats)) {
-            // Numbers had moved beside what is gone.
-            Some(others) => state = (0..PASSES).fold(others, |state, _| state.rebuilt(balance)),
-            None => return (state, doubt, left),
+            Some(others) => state = rebuilt(balance, others),
+            None => return (state, doubt),
         }
     }
+}
+
+/// A state from which a law is gone: numbers had moved beside it.
+fn rebuilt(balance: &Balance, others: State) -> State {
+    (0..PASSES).fold(others, |state, _| state.rebuilt(balance))
 }
 
 /// Share of the power that was left before and is not left now, less what never repeats, N.
@@ -97,9 +101,7 @@ impl Case<'_> {
     /// The answer for a state.
     pub(super) fn answer(self, state: State) -> Diagnosis {
         let balance = self.balance;
-        let (state, doubt, _) = determined(balance, state);
-        let level = self.level(&state);
-        let written = as_written(balance, (state, doubt), level);
+        let (written, level) = self.written(state);
         let AsWritten { state, doubt, absent, unsaid, undivided } = written;
         let mut found = self.found(&state, &doubt, &absent, level);
         found.extend(self.of_encoders(&state));
@@ -151,7 +153,7 @@ impl Case<'_> {
         ];
         let limits = self.detection_limits(&state, level, &findings);
         let closed_loop = closed_loop(&balance.signals, &axes, self.recordings, &state);
-        let location = self.location(verdict, (findings.first(), first), &left, &state);
+        let location = self.location(verdict, (findings.first(), first), &left, (&state, &unsaid));
         Diagnosis {
             axis: self.stated.name.clone(),
             verdict,
@@ -173,6 +175,25 @@ impl Case<'_> {
             model,
             notes,
             closed_loop,
+        }
+    }
+
+    /// What is written of a state, and what chance reaches: of laws those that are determined there, too.
+    fn written(&self, mut state: State) -> (AsWritten, f64) {
+        let balance = self.balance;
+        loop {
+            let (all, doubt) = determined(balance, state);
+            let level = self.level(&all);
+            let written = as_written(balance, (&all, doubt), level);
+            let is_untold = |(a, d): (&Accepted, &Deviations)| {
+                let is_void = || a.hypothesis.law().is_void(&written.state.ground(balance), &a.amplitudes);
+                let is_there = || is_other_than_zero(balance, (&written.state, a), d);
+                a.given.is_none() && (!is_there() || is_void())
+            };
+            match written.state.accepted.iter().zip(&written.doubt.laws).position(is_untold) {
+                Some(k) => state = rebuilt(balance, without(balance, &all, Named::Law(k))),
+                None => return (written, level),
+            }
         }
     }
 
@@ -211,17 +232,22 @@ impl Case<'_> {
         series.with(&self.error_forces(self.start))
     }
 
-    /// What is left in time, N, by the stated model and with all that was found, where that is more: what was
-    /// found stands where nothing was measured. Of two positions the bands have weights, and a right mass may
-    /// leave more of the noise.
+    /// What is left in time, N, by the stated model and with all that was found, where its likelihood is less
+    /// for noise of each recording's own size: what was found stands where nothing was measured. Of two
+    /// positions the bands have weights, and a right mass may leave more of the noise.
     fn worse_n(&self, series: &Residuals) -> Option<[f64; 2]> {
         let fits = self.recording_fits(series, false);
-        let power = |of: &dyn Fn(&RecordingFit) -> f64| {
-            fits.iter().map(|f| f.t_s.len() as f64 * of(f).powi(2)).sum::<f64>()
+        let tracks = || self.balance.signals.tracks.iter().zip(&fits);
+        let judged = |track: &Track| track.judged().iter().filter(|judged| **judged).count() as f64;
+        let more_nats = |(track, f): (&Track, &RecordingFit)| {
+            judged(track) * (f.rms_after_n / f.rms_before_n.max(f64::MIN_POSITIVE)).ln()
         };
-        let powers = [power(&|f| f.rms_before_n), power(&|f| f.rms_after_n)];
-        let count = fits.iter().map(|f| f.t_s.len() as f64).sum::<f64>().max(1.0);
-        (powers[1] > powers[0]).then(|| powers.map(|p| (p / count).sqrt()))
+        let all = tracks().map(|(track, _)| judged(track)).sum::<f64>().max(1.0);
+        let rms_n = |of: &dyn Fn(&RecordingFit) -> f64| {
+            (tracks().map(|(track, f)| judged(track) * of(f).powi(2)).sum::<f64>() / all).sqrt()
+        };
+        let is_worse = tracks().map(more_nats).sum::<f64>() > 0.0;
+        is_worse.then(|| [rms_n(&|f| f.rms_before_n), rms_n(&|f| f.rms_after_n)])
     }
 
     /// What coefficients leave of the thrust at the motor, root mean square, N.
@@ -435,7 +461,7 @@ impl Case<'_> {
         verdict: Verdict,
         (first, named): (Option<&Finding>, Option<Named>),
         left: &Rest,
-        state: &State,
+        (state, unsaid): (&State, &[Number]),
     ) -> Option<Location> {
         if matches!(verdict, Verdict::ModelAdequate | Verdict::ParameterError) {
             return None;
@@ -452,7 +478,7 @@ impl Case<'_> {
                 (shown.unwrap_or_else(|| left.clone()), state.clone())
             }
             Some(_) => {
-                let (others, design, beta) = fit_taken_out(self.balance, state, named, &[]);
+                let (others, design, beta) = fit_taken_out(self.balance, state, named, unsaid);
                 (rest_of(self.balance, &others, (&design, &beta)), others)
             }
         };

@@ -32,7 +32,7 @@ pub(super) fn candidates(balance: &Balance, state: &State) -> Vec<Hypothesis> {
             let other = &a.hypothesis;
             other.effect == h.effect
                 && other.port == h.port
-                && (!h.facts().is_of_one_recording || is_one_cut(h, other))
+                && (!h.facts().is_of_one_recording || is_one_cut(h, other, balance.signals.tracks.len()))
                 && other.facts().is_number == h.facts().is_number
         })
     };
@@ -46,9 +46,9 @@ pub(super) fn candidates(balance: &Balance, state: &State) -> Vec<Hypothesis> {
 }
 
 /// Whether two cuts at one time are one: a harmonic may differ from its mean, and is no other spindle.
-fn is_one_cut(a: &Hypothesis, b: &Hypothesis) -> bool {
+fn is_one_cut(a: &Hypothesis, b: &Hypothesis, recordings: usize) -> bool {
     let (Shape::Cut(a), Shape::Cut(b)) = (a.shape, b.shape) else { return false };
-    let both_s = a.longest_beside_s(&b);
+    let both_s = a.longest_beside_s(&b, recordings);
     let [low_hz, high_hz] = [a.hz.min(b.hz), a.hz.max(b.hz)];
     let off_hz = high_hz - low_hz * (high_hz / low_hz).round();
     // Nearer than what that time tells apart.

@@ -159,7 +159,6 @@ pub(super) fn base(balance: &Balance, (now, idle): (&Standing, Option<Idle>), ac
     bounds.extend(taken.bounds);
     start.extend(taken.start);
     let knockoffs = columns.len();
-    let is_mass = |n: &Number| matches!(n, N::MotorMass | N::StageMass);
     let plan = &balance.plan;
     let gram = Gram::new(plan, columns);
     let mut design = Design {
@@ -170,7 +169,7 @@ pub(super) fn base(balance: &Balance, (now, idle): (&Standing, Option<Idle>), ac
         masses: numbers
             .iter()
             .enumerate()
-            .filter(|(_, n)| is_mass(n) && now.inertial)
+            .filter(|(_, n)| n.is_mass() && now.inertial)
             .map(|(k, _)| (k, 0.0))
             .collect(),
         sides: balance.signals.sides(),

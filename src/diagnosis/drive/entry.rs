@@ -86,7 +86,8 @@ impl Case<'_> {
             return Some(in_air);
         }
         if let Some(first) = findings.first() {
-            in_air.location = self.location(Verdict::MissingPhysics, (Some(first), named), &left, &state);
+            in_air.location =
+                self.location(Verdict::MissingPhysics, (Some(first), named), &left, (&state, &[]));
             in_air.verdict = Verdict::MissingPhysics;
         }
         findings.append(&mut in_air.findings);

@@ -339,25 +339,33 @@ fn between_bounds(
     (a, pull): (&DMatrix<f64>, &DVector<f64>),
     bounds: &[[f64; 2]],
 ) -> (Vec<f64>, Vec<Option<f64>>) {
-    let mut held: Vec<Option<f64>> = vec![None; bounds.len()];
+    let mut held: Vec<Option<f64>> = bounds.iter().map(|[low, high]| (low >= high).then_some(*low)).collect();
     let mut next = solve(a, pull, &held);
     for _ in 0..4 * bounds.len() {
         let flipped = |(k, [low, high]): (usize, &[f64; 2])| match held[k] {
             None if next[k] < *low => Some((k, Some(*low))),
             None if next[k] > *high => Some((k, Some(*high))),
             Some(at) if low < high => {
-                let inside = pull[k] - (a.row(k) * DVector::from_column_slice(&next))[0];
+                let parts = || next.iter().enumerate().map(|(j, x)| a[(k, j)] * x);
+                let inside = pull[k] - parts().sum::<f64>();
                 let drawn = if at == *low { inside } else { -inside };
-                (drawn > 1e-9 * pull[k].abs()).then_some((k, None))
+                let rounding = 1e-9 * (pull[k].abs() + parts().map(f64::abs).sum::<f64>());
+                (drawn > rounding).then_some((k, None))
             }
             _ => None,
         };
-        let Some((k, to)) = bounds.iter().enumerate().find_map(flipped) else { break };
+        let Some((k, to)) = bounds.iter().enumerate().find_map(flipped) else { return (next, held) };
         held[k] = to;
         next = solve(a, pull, &held);
     }
-    let inside = |(x, [low, high]): (&f64, &[f64; 2])| x.max(*low).min(*high);
-    (next.iter().zip(bounds).map(inside).collect(), held)
+    // Out of turns: what is outside is held, too.
+    for (k, [low, high]) in bounds.iter().enumerate() {
+        let inside = next[k].max(*low).min(*high);
+        if inside != next[k] {
+            (next[k], held[k]) = (inside, Some(inside));
+        }
+    }
+    (next, held)
 }
 
 /// Solves with columns scaled to one; held coefficients keep their value.

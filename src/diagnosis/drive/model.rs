@@ -27,12 +27,13 @@ impl Case<'_> {
         let is_of_constant = told_wrong.iter().any(|c| c.name == "torque_constant_nm_a");
         let off = if is_of_constant { common_scale(self.balance, &told) } else { 0.0 };
         // A law that turns friction is one of that friction.
-        let found = state.accepted.iter().filter(|a| a.given.is_none());
-        let turned = found.filter(|a| a.hypothesis.facts().turns_friction).count() > 0;
+        let mut found = state.accepted.iter().filter(|a| a.given.is_none());
+        let turned = found.any(|a| a.hypothesis.facts().turns_friction);
         let is_known = |n: &&Beside| {
             let is_known = n.deviation < Criteria::STANDARD.damping_tolerance * n.value;
-            n.value > 0.0 && (is_known || n.is_of_second_mass(self.balance))
-                || turned && n.number == Number::StageCoulomb
+            let is_turned = turned && n.number == Number::StageCoulomb;
+            let is_there = n.value > 0.0 || is_turned && n.value == 0.0;
+            is_there && (is_known || is_turned || n.is_of_second_mass(self.balance))
         };
         let known = told.iter().filter(is_known).map(|n| (n.key, n.under(off)));
         // The balance has the motor's and a stated screw's inertia as one.

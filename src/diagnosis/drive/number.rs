@@ -103,6 +103,10 @@ impl Number {
         }
     }
 
+    pub(super) fn is_mass(self) -> bool {
+        matches!(self, Self::MotorMass | Self::StageMass)
+    }
+
     /// True for a level of dry friction or a part of it.
     pub(super) fn is_dry_friction(self) -> bool {
         matches!(self, Self::MotorCoulomb | Self::StageCoulomb) || self.part().is_some()

@@ -204,7 +204,7 @@ fn refitted(balance: &Balance, state: &State, numbers: &[Number]) -> (Design, Fi
 pub(super) struct AsWritten {
     /// Without numbers that nothing says.
     pub(super) state: State,
-    /// Its deviations, those of masses as they were beside all numbers.
+    /// Its deviations; of masses, and of when a force acts, as they were beside all numbers.
     pub(super) doubt: Doubt,
     /// What is said.
     pub(super) absent: Vec<Absent>,
@@ -215,25 +215,44 @@ pub(super) struct AsWritten {
 }
 
 /// A state with its deviations as it is written; `level`: what chance reaches.
-pub(super) fn as_written(balance: &Balance, (state, beside_all): (State, Doubt), level: f64) -> AsWritten {
-    let absent = absent(balance, &state, &beside_all, level);
-    let unsaid = unsaid(balance, &state, &absent);
-    if unsaid.is_empty() {
-        return AsWritten { state, doubt: beside_all, absent, unsaid, undivided: None };
+pub(super) fn as_written(balance: &Balance, (state, beside_all): (&State, Doubt), level: f64) -> AsWritten {
+    let mut absent = absent(balance, state, &beside_all, level);
+    loop {
+        let unsaid = unsaid(balance, state, &absent);
+        if unsaid.is_empty() {
+            return AsWritten { state: state.clone(), doubt: beside_all, absent, unsaid, undivided: None };
+        }
+        let undivided = undivided(balance, state, &unsaid);
+        let written = refitted_as_is(balance, state, &unsaid);
+        let mut doubt = doubt(balance, &written, &rest(balance, &written));
+        doubt.path = beside_all.path;
+        for (k, _) in &written.base.design.masses {
+            doubt.numbers[*k] = beside_all.numbers[*k];
+        }
+        let count = absent.len();
+        absent.retain_mut(|a| {
+            let told = more_than_at_motor(balance, (&written, &doubt), a.number);
+            let (value, deviation) = told.unwrap_or((0.0, 0.0));
+            (a.value, a.deviation) = (value, deviation);
+            value > Z95 * deviation
+        });
+        if absent.len() == count {
+            return AsWritten { state: written, doubt, absent, unsaid, undivided };
+        }
     }
-    let undivided = undivided(balance, &state, &unsaid);
-    let (design, fit) = refitted(balance, &state, &unsaid);
-    let state = state.fitted_as(design, fit);
-    let mut doubt = doubt(balance, &state, &rest(balance, &state));
-    for (k, _) in &state.base.design.masses {
-        doubt.numbers[*k] = beside_all.numbers[*k];
+}
+
+/// A state whose fit has none of some numbers, masses and when a force acts as they are.
+fn refitted_as_is(balance: &Balance, state: &State, numbers: &[Number]) -> State {
+    let of_time = state.base.numbers.iter().filter(|n| matches!(n, Number::Timing | Number::Lag));
+    let held: Vec<Number> = numbers.iter().chain(of_time.clone()).copied().collect();
+    let (mut design, fit) = refitted(balance, state, &held);
+    for (k, n) in state.base.numbers.iter().enumerate() {
+        if n.is_mass() || matches!(n, Number::Timing | Number::Lag) {
+            design.bounds[k] = state.base.design.bounds[k];
+        }
     }
-    let told = |a: Absent| {
-        let (value, deviation) = more_than_at_motor(balance, (&state, &doubt), a.number)?;
-        Some(Absent { value, deviation, ..a })
-    };
-    let absent = absent.into_iter().filter_map(told).collect();
-    AsWritten { state, doubt, absent, unsaid, undivided }
+    state.fitted_as(design, fit)
 }
 
 /// Numbers that the model leaves out and the recordings have, strongest first; `level`: what chance reaches.
@@ -308,11 +327,20 @@ fn stated_numbers(balance: &Balance, state: &State) -> Mechanics {
     m
 }
 
-/// The stated numbers in the order of the balance, and its laws as they are stated.
+/// The stated numbers in the order of the balance, and its laws as they are stated. What nobody states is as
+/// fitted: zero and scale of the encoders, and in what form dry friction turns.
 pub(super) fn stated_beta(balance: &Balance, state: &State) -> Vec<f64> {
     let m = stated_numbers(balance, state);
+    let fitted =
+        |number| state.base.numbers.iter().position(|n| *n == number).map(|k| state.base.fit.beta[k]);
+    let same_form = |part: f64, level| {
+        let fitted = fitted(level).filter(|fitted| *fitted > 0.0);
+        fitted.map_or(0.0, |fitted| part / fitted * m.of(level))
+    };
     let number = |(k, n): (usize, &Number)| match n {
         Number::Zero | Number::Scale => state.base.fit.beta[k],
+        Number::MotorTurning(_) => same_form(state.base.fit.beta[k], Number::MotorCoulomb),
+        Number::StageTurning(_) => same_form(state.base.fit.beta[k], Number::StageCoulomb),
         Number::EncoderTiming => -balance.stage_later_s.unwrap_or(0.0),
         n => m.of(*n),
     };

@@ -21,8 +21,11 @@ pub(super) struct Residuals {
 
 /// The residuals of the stated numbers, of the first state, and of the last one.
 pub(super) fn residuals(balance: &Balance, (start, stated): (&State, &[f64]), end: &State) -> Residuals {
+    // When inside a sample a reference acts nobody states.
+    let path = Path::stated(&balance.drive);
+    let path = Path { delay_s: path.delay_s + start.now.timing_s, ..path };
     Residuals {
-        nominal: of(balance, start, stated, Path::stated(&balance.drive)),
+        nominal: of(balance, start, stated, path),
         before: of(balance, start, &start.base.fit.beta, start.ground(balance).path),
         after: of(balance, end, &end.base.fit.beta, end.ground(balance).path),
     }

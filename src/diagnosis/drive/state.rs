@@ -90,7 +90,8 @@ impl State {
         out.rebuilt(balance)
     }
 
-    /// The same balance by another fit of it, when a force acts as it was.
+    /// The same balance by another fit of it; when a force acts, what chance reaches and what was held out
+    /// stay as they were.
     pub(super) fn fitted_as(&self, design: Design, fit: Fit) -> Self {
         let mut out = self.with_numbers(&fit.beta);
         for k in 0..out.accepted.len() {
@@ -99,12 +100,14 @@ impl State {
             if a.given.is_some() {
                 a.scale = now;
             } else if a.is_one_column() {
-                a.amplitudes.iter_mut().for_each(|x| *x *= now / before);
+                let factor = if before == 0.0 { 1.0 } else { now / before };
+                a.amplitudes.iter_mut().for_each(|x| *x *= factor);
             } else {
                 a.amplitudes.iter_mut().zip(&fit.beta[place..]).for_each(|(x, b)| *x = *b);
             }
         }
-        out.base = Arc::new(Base { design, fit, ..(*self.base).clone() });
+        let weights = design.weights(&self.base.all, &fit.beta);
+        out.base = Arc::new(Base { design, fit, weights, ..(*self.base).clone() });
         out
     }
 

@@ -12,7 +12,7 @@ use std::f64::consts::TAU;
 const HARMONICS_TRIED: [usize; 4] = [4, 1, 2, 10];
 
 /// Begin and end in each recording, s since it began; those after the last have that of the last.
-type Windows = [[f64; 2]; 8];
+type Windows = [[f64; 2]; 16];
 
 fn in_all(window_s: [f64; 2]) -> Windows {
     std::array::from_fn(|_| window_s)
@@ -80,10 +80,10 @@ impl Cut {
         (start_s..end_s).contains(&t_s)
     }
 
-    /// How long two cuts last at once in a recording, s at most.
-    pub(crate) fn longest_beside_s(&self, other: &Self) -> f64 {
+    /// How long two cuts last at once in one of so many recordings, s at most.
+    pub(crate) fn longest_beside_s(&self, other: &Self, recordings: usize) -> f64 {
         let both_s = |(a, b): (&[f64; 2], &[f64; 2])| a[1].min(b[1]) - a[0].max(b[0]);
-        self.windows_s.iter().zip(&other.windows_s).map(both_s).fold(0.0, f64::max)
+        self.windows_s.iter().zip(&other.windows_s).take(recordings).map(both_s).fold(0.0, f64::max)
     }
 
     /// True where it has a mean: one that lasts for all of the recordings is a load, unless a spindle turns.
@@ -187,9 +187,11 @@ impl Law for Cut {
     fn tell(&self, told: &Told<'_>, sheet: &mut Sheet) -> bool {
         let signals = &told.balance.signals;
         let columns = (self.harmonics, self.has_mean(signals));
-        let (set, peak) = peak_of_cut(told.amplitudes, columns, told.deviation(0));
+        let length = 2 * columns.0 + usize::from(columns.1);
+        let (set, peak_n) = peak_of_cut(told.amplitudes, columns);
+        let sd_n = told.deviation(set * length) * (length as f64).sqrt();
         let of = self.recordings(signals).nth(set).map_or(0, |(r, _)| r);
-        tell(sheet, [self.hz, told.relative(0)], peak, (self.window_s(of), 0.02));
+        tell(sheet, [self.hz, told.relative(0)], [peak_n, sd_n], (self.window_s(of), 0.02));
         true
     }
 
@@ -235,14 +237,6 @@ impl Law for Cut {
 
     fn windows_s(&mut self) -> &mut [[f64; 2]] {
         &mut self.windows_s
-    }
-
-    /// In every recording as in the one where it lasts longest.
-    fn starts(&self, balance: &Balance) -> Vec<Shape> {
-        let long_s = |r: &usize| self.window_s(*r)[1] - self.window_s(*r)[0];
-        let longest = (0..balance.signals.tracks.len()).max_by(|a, b| long_s(a).total_cmp(&long_s(b)));
-        let same = longest.map(|r| Self { windows_s: in_all(self.window_s(r)), ..*self });
-        same.filter(|same| same != self).into_iter().map(Shape::from).collect()
     }
 
     /// Its mean is a load as long as it lasts; where a spindle turns it is the cut's.
@@ -301,11 +295,7 @@ impl Law for Push {
 ///
 /// A tool that cuts part of the time pushes in pulses: their height is what the machine feels, not the
 /// amplitude of one harmonic.
-fn peak_of_cut(
-    amplitudes: &[f64],
-    (harmonics, has_mean): (usize, bool),
-    deviation: f64,
-) -> (usize, [f64; 2]) {
+fn peak_of_cut(amplitudes: &[f64], (harmonics, has_mean): (usize, bool)) -> (usize, f64) {
     /// Places in a period.
     const PLACES: usize = 360;
     // Sine and cosine of each harmonic, then the mean.
@@ -321,8 +311,7 @@ fn peak_of_cut(
     };
     let peaks =
         amplitudes.chunks_exact(length).map(|set| (0..PLACES).map(|k| force_n(set, k)).fold(0.0, f64::max));
-    let (set, most_n) = peaks.enumerate().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0, 0.0));
-    (set, [most_n, deviation * (length as f64).sqrt()])
+    peaks.enumerate().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0, 0.0))
 }
 
 impl Search<'_> {
@@ -387,22 +376,23 @@ fn cuts(balance: &Balance, left: &Column) -> Vec<Hypothesis> {
     }
     best.sort_by(|a, b| b.0.total_cmp(&a.0));
     best.truncate(2);
-    best.into_iter().filter_map(|(_, hz, r)| cut_at(balance, &series, (hz, r))).collect()
+    best.into_iter().filter_map(|(_, hz, r)| cuts_at(balance, &series, (hz, r))).flatten().collect()
 }
 
-/// The line near `hz` in one recording, and where its envelope is above half of its plateau in that one and
-/// in each other one.
-fn cut_at(balance: &Balance, series: &[Vec<f64>], (hz, recording): (f64, usize)) -> Option<Hypothesis> {
+/// The line near `hz` in one recording, where its envelope is above half of its plateau in each of them, and
+/// in all as in that one.
+fn cuts_at(balance: &Balance, series: &[Vec<f64>], (hz, recording): (f64, usize)) -> Option<[Hypothesis; 2]> {
     let s = &balance.signals;
     let line = Demodulated::new(s, &series[recording], (hz, recording));
     let reach = balance.plan.bin_hz.min(0.45 / line.each_s);
     let hz = hz + strongest_off(std::slice::from_ref(&line), reach);
-    let mut windows_s = in_all(plateau_s(&line)?);
+    let same_s = in_all(plateau_s(&line)?);
+    let mut windows_s = same_s;
     let last = windows_s.len() - 1;
     for (r, _) in s.answering().filter(|(r, _)| *r <= last && *r != recording) {
         windows_s[r] = plateau_s(&Demodulated::new(s, &series[r], (hz, r))).unwrap_or(windows_s[r]);
     }
-    Some(Hypothesis::new(Port::Stage, Cut::searched(hz, windows_s, s)))
+    Some([windows_s, same_s].map(|windows_s| Hypothesis::new(Port::Stage, Cut::searched(hz, windows_s, s))))
 }
 
 /// Where the envelope of a line is above half of its plateau, s.
@@ -410,7 +400,7 @@ fn plateau_s(line: &Demodulated) -> Option<[f64; 2]> {
     let sizes: Vec<f64> = line.sums.iter().map(|v| v.norm()).collect();
     let mut sorted = sizes.clone();
     sorted.sort_by(f64::total_cmp);
-    let plateau = sorted[sorted.len() * 9 / 10];
+    let plateau = sorted.get(sorted.len() * 9 / 10)?;
     let above: Vec<bool> = sizes.iter().map(|v| *v > 0.5 * plateau).collect();
     let (from, to) = longest_run(&above)?;
     Some([from, to].map(|c| line.first_s + c as f64 * line.each_s))

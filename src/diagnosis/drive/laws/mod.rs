@@ -174,7 +174,7 @@ pub(crate) trait Law {
     }
 
     /// What it becomes at a bound of its constants, for where the recordings do not determine them.
-    fn limit(&self) -> Option<Shape> {
+    fn limit(&self, _signals: &Signals) -> Option<Shape> {
         None
     }
 

@@ -66,8 +66,9 @@ impl Law for StiffnessWave {
     }
 
     /// Of a wave that is longer than the travel the slope.
-    fn limit(&self) -> Option<Shape> {
-        Some(StiffnessSlope.into())
+    fn limit(&self, signals: &Signals) -> Option<Shape> {
+        let [low, high] = signals.travel_m();
+        (self.length_m > high - low).then_some(StiffnessSlope.into())
     }
 
     fn springs(&self, ground: &Ground<'_>) -> Vec<SpringLaw> {
