@@ -124,7 +124,8 @@ impl Case<'_> {
         let undivided = undivided.filter(|_| !as_stated);
         let outweighed = !as_stated && found.iter().any(|f| self.is_outweighed(f));
         let series = self.series(&state);
-        let worse_n = self.worse_n(&series).filter(|_| balance.plan.white && !as_stated && !nothing_told);
+        let worse_n =
+            self.worse_n(&series, level).filter(|_| balance.plan.white && !as_stated && !nothing_told);
         let not_named = drives.is_unsaid() || undivided.is_some() || outweighed || worse_n.is_some();
         let is_left = left.is_left(self.stated_rest_n) || not_named;
         let share = explained_share([&before, &left], Criteria::STANDARD.repeatability * drives.thrust_n);
@@ -232,10 +233,11 @@ impl Case<'_> {
         series.with(&self.error_forces(self.start))
     }
 
-    /// What is left in time, N, by the stated model and with all that was found, where its likelihood is less
-    /// for noise of each recording's own size: what was found stands where nothing was measured. Of two
-    /// positions the bands have weights, and a right mass may leave more of the noise.
-    fn worse_n(&self, series: &Residuals) -> Option<[f64; 2]> {
+    /// What is left in time, N, by the stated model and with all that was found, where the latter is less
+    /// likely by more than chance reaches, noise of each recording's own size: what was found stands where
+    /// nothing was measured. Of two positions the bands have weights, and a right mass may leave more of the
+    /// noise.
+    fn worse_n(&self, series: &Residuals, level_nats: f64) -> Option<[f64; 2]> {
         let fits = self.recording_fits(series, false);
         let tracks = || self.balance.signals.tracks.iter().zip(&fits);
         let judged = |track: &Track| track.judged().iter().filter(|judged| **judged).count() as f64;
@@ -246,7 +248,7 @@ impl Case<'_> {
         let rms_n = |of: &dyn Fn(&RecordingFit) -> f64| {
             (tracks().map(|(track, f)| judged(track) * of(f).powi(2)).sum::<f64>() / all).sqrt()
         };
-        let is_worse = tracks().map(more_nats).sum::<f64>() > 0.0;
+        let is_worse = tracks().map(more_nats).sum::<f64>() > level_nats;
         is_worse.then(|| [rms_n(&|f| f.rms_before_n), rms_n(&|f| f.rms_after_n)])
     }
 

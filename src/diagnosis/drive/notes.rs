@@ -54,7 +54,7 @@ pub(super) fn budget(
 /// What is left by the stated model and with all that was found.
 pub(super) fn worse([stated_n, found_n]: [f64; 2]) -> String {
     let [stated_n, found_n] = [stated_n, found_n].map(|n| engineering(n, "N", 3));
-    format!("With what was found {found_n} are left, with the stated model {stated_n}: it fits no better.")
+    format!("With what was found {found_n} are left, with the stated model {stated_n}: it fits worse.")
 }
 
 /// What nobody asked: all of the bank where no round was complete, else what promised to be worth a fit in
