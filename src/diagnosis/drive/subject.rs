@@ -399,9 +399,16 @@ impl Best<'_> {
         }
     }
 
-    /// Begins and ends of a cut in each recording: steps that grow while they gain, then finer ones.
+    /// Begins and ends of a cut in each recording: as in another one, then steps that grow while they gain,
+    /// and finer ones.
     fn edges(&mut self, work: &mut Work) {
         let windows = self.h.windows_s().len().min(self.balance.signals.tracks.len());
+        for (window, other) in (0..windows).flat_map(|k| (0..windows).map(move |other| (k, other))) {
+            let all = self.h.windows_s();
+            if all[window] != all[other] {
+                self.take(self.h.within(window, all[other]), 0.0, work);
+            }
+        }
         (0..windows).for_each(|window| self.edges_of(window, work));
     }
 
@@ -410,7 +417,7 @@ impl Best<'_> {
         let given = ends_s(self);
         let last_s = self.balance.signals.longest_s();
         let inside = |s: f64| s > 0.0 && s < last_s;
-        let steps = [0.3, 0.1, 0.04, 0.015].into_iter().flat_map(|by| [(by, 0), (by, 1)]);
+        let steps = [0.1, 0.04, 0.015].into_iter().flat_map(|by| [(by, 0), (by, 1)]);
         for (by, which) in steps.filter(|(_, which)| inside(given[*which])) {
             for sign in [-1.0, 1.0] {
                 let mut step = sign * by;

@@ -376,23 +376,22 @@ fn cuts(balance: &Balance, left: &Column) -> Vec<Hypothesis> {
     }
     best.sort_by(|a, b| b.0.total_cmp(&a.0));
     best.truncate(2);
-    best.into_iter().filter_map(|(_, hz, r)| cuts_at(balance, &series, (hz, r))).flatten().collect()
+    best.into_iter().filter_map(|(_, hz, r)| cut_at(balance, &series, (hz, r))).collect()
 }
 
-/// The line near `hz` in one recording, where its envelope is above half of its plateau in each of them, and
-/// in all as in that one.
-fn cuts_at(balance: &Balance, series: &[Vec<f64>], (hz, recording): (f64, usize)) -> Option<[Hypothesis; 2]> {
+/// The line near `hz` in one recording, and where its envelope is above half of its plateau in that one and
+/// in each other one.
+fn cut_at(balance: &Balance, series: &[Vec<f64>], (hz, recording): (f64, usize)) -> Option<Hypothesis> {
     let s = &balance.signals;
     let line = Demodulated::new(s, &series[recording], (hz, recording));
     let reach = balance.plan.bin_hz.min(0.45 / line.each_s);
     let hz = hz + strongest_off(std::slice::from_ref(&line), reach);
-    let same_s = in_all(plateau_s(&line)?);
-    let mut windows_s = same_s;
+    let mut windows_s = in_all(plateau_s(&line)?);
     let last = windows_s.len() - 1;
     for (r, _) in s.answering().filter(|(r, _)| *r <= last && *r != recording) {
         windows_s[r] = plateau_s(&Demodulated::new(s, &series[r], (hz, r))).unwrap_or(windows_s[r]);
     }
-    Some([windows_s, same_s].map(|windows_s| Hypothesis::new(Port::Stage, Cut::searched(hz, windows_s, s))))
+    Some(Hypothesis::new(Port::Stage, Cut::searched(hz, windows_s, s)))
 }
 
 /// Where the envelope of a line is above half of its plateau, s.
