@@ -56,6 +56,12 @@ pub(super) fn is_other_than_zero(
         && (sizes.peek().is_none() || sizes.any(|told| told))
 }
 
+/// True where a law is not told from nothing, or is none with what was fitted.
+fn is_untold(balance: &Balance, (state, law): (&State, &Accepted), d: &Deviations) -> bool {
+    !is_other_than_zero(balance, (state, law), d)
+        || law.hypothesis.law().is_void(&state.ground(balance), &law.amplitudes)
+}
+
 /// Drops laws that the recordings do not determine, or puts in the place of one what it becomes at a bound
 /// of its constants; what is left is built anew. Of two that stand for one another neither is determined: the
 /// one goes that the other does without at the least loss.
@@ -67,9 +73,8 @@ fn determined(balance: &Balance, mut state: State) -> (State, Doubt) {
         let others_if_vague = |(k, (a, d)): (usize, (&Accepted, &Deviations))| {
             let told = if a.hypothesis.facts().trades { 1 } else { d.constants.len() };
             let vague = d.constants.iter().take(told).any(|c| *c > Criteria::STANDARD.undetermined)
-                || !is_other_than_zero(balance, (&state, a), d)
                 || a.hypothesis.is_at_bound()
-                || a.hypothesis.law().is_void(&state.ground(balance), &a.amplitudes);
+                || is_untold(balance, (&state, a), d);
             if let Some(limit) = a.hypothesis.law().limit(&balance.signals).filter(|_| vague) {
                 return Some(state.with_form(balance, k, limit));
             }
@@ -124,8 +129,8 @@ impl Case<'_> {
         let undivided = undivided.filter(|_| !as_stated);
         let outweighed = !as_stated && found.iter().any(|f| self.is_outweighed(f));
         let series = self.series(&state);
-        let worse_n =
-            self.worse_n(&series, level).filter(|_| balance.plan.white && !as_stated && !nothing_told);
+        let is_compared = balance.plan.white && !as_stated && !nothing_told;
+        let worse_n = if is_compared { self.worse_n(&series, level) } else { None };
         let not_named = drives.is_unsaid() || undivided.is_some() || outweighed || worse_n.is_some();
         let is_left = left.is_left(self.stated_rest_n) || not_named;
         let share = explained_share([&before, &left], Criteria::STANDARD.repeatability * drives.thrust_n);
@@ -186,12 +191,10 @@ impl Case<'_> {
             let (all, doubt) = determined(balance, state);
             let level = self.level(&all);
             let written = as_written(balance, (&all, doubt), level);
-            let is_untold = |(a, d): (&Accepted, &Deviations)| {
-                let is_void = || a.hypothesis.law().is_void(&written.state.ground(balance), &a.amplitudes);
-                let is_there = || is_other_than_zero(balance, (&written.state, a), d);
-                a.given.is_none() && (!is_there() || is_void())
+            let is_gone = |(a, d): (&Accepted, &Deviations)| {
+                a.given.is_none() && is_untold(balance, (&written.state, a), d)
             };
-            match written.state.accepted.iter().zip(&written.doubt.laws).position(is_untold) {
+            match written.state.accepted.iter().zip(&written.doubt.laws).position(is_gone) {
                 Some(k) => state = rebuilt(balance, without(balance, &all, Named::Law(k))),
                 None => return (written, level),
             }

@@ -222,7 +222,6 @@ pub(super) fn as_written(balance: &Balance, (state, beside_all): (&State, Doubt)
         if unsaid.is_empty() {
             return AsWritten { state: state.clone(), doubt: beside_all, absent, unsaid, undivided: None };
         }
-        let undivided = undivided(balance, state, &unsaid);
         let written = refitted_as_is(balance, state, &unsaid);
         let mut doubt = doubt(balance, &written, &rest(balance, &written));
         doubt.path = beside_all.path;
@@ -237,6 +236,7 @@ pub(super) fn as_written(balance: &Balance, (state, beside_all): (&State, Doubt)
             value > Z95 * deviation
         });
         if absent.len() == count {
+            let undivided = undivided(balance, state, &unsaid);
             return AsWritten { state: written, doubt, absent, unsaid, undivided };
         }
     }
