@@ -5,6 +5,7 @@
 //! and says what level chance reaches. Work is counted in evaluations, never in seconds: a busy machine
 //! answers later, not differently.
 
+use super::Progress;
 use super::two_cores::on_two_cores;
 use crate::plant::effects::Port;
 
@@ -146,16 +147,16 @@ pub(crate) trait Subject {
         work: &mut Work,
     ) -> Option<Fitted<Self::Hypothesis, Self::Model>>;
 
-    /// Several, in order, without those that have no fit; tells of each that it begins.
+    /// Several, in order, without those that have no fit; tells the effect of each that it begins.
     fn fit_each(
         &self,
         model: &Self::Model,
         hypotheses: &[Self::Hypothesis],
         work: &mut Work,
-        begins: &dyn Fn(&Work, &Self::Hypothesis),
+        begins: &(dyn Fn(&Work, &str) + Sync),
     ) -> Vec<Fitted<Self::Hypothesis, Self::Model>> {
         let of = |h| {
-            begins(work, h);
+            begins(work, self.name(h).0);
             self.fit(model, h, work)
         };
         hypotheses.iter().filter_map(of).collect()
@@ -216,7 +217,7 @@ pub(crate) fn select<S: Subject>(
     start: S::Model,
     reach: Reach,
     work: &mut Work,
-    progress: &dyn Fn(f64, &str),
+    progress: Progress<'_>,
 ) -> Selected<S::Hypothesis, S::Model> {
     let mut out = Selected { model: start, rounds: Vec::new(), out_of_budget: false };
     for taken in 0..=reach.most_findings {
@@ -227,7 +228,7 @@ pub(crate) fn select<S: Subject>(
         };
         let screened = one_each(subject, screened);
         let asked: Vec<_> = screened.iter().take(reach.fitted).map(|s| s.hypothesis.clone()).collect();
-        let begins = |work: &Work, h: &S::Hypothesis| progress(work.share(), subject.name(h).0);
+        let begins = |work: &Work, effect: &str| progress(work.share(), effect);
         let mut fitted = subject.fit_each(&out.model, &asked, work, &begins);
         out.out_of_budget |= fitted.len() < asked.len() && work.refused;
         subject.compare(&out.model, &mut fitted);

@@ -15,6 +15,12 @@ pub fn dot(a: &[f64], b: &[f64]) -> f64 {
     run(Fast::detect(), Dot { a, b })
 }
 
+/// sum_k a[k] b[k] of four a beside one b, over the shortest of all.
+#[must_use]
+pub fn dots(a: [&[f64]; 4], b: &[f64]) -> [f64; 4] {
+    run(Fast::detect(), Dots { a, b })
+}
+
 /// Root mean square; 0 of nothing.
 #[must_use]
 pub fn rms(x: &[f64]) -> f64 {
@@ -34,6 +40,11 @@ pub fn add_filtered(out: &mut [f64], x: &[f64], taps: &[f64]) {
 
 struct Dot<'a> {
     a: &'a [f64],
+    b: &'a [f64],
+}
+
+struct Dots<'a> {
+    a: [&'a [f64]; 4],
     b: &'a [f64],
 }
 
@@ -57,6 +68,33 @@ impl Kernel for Dot<'_> {
     #[inline(always)]
     fn run<const FUSED: bool>(self) -> f64 {
         dot_of::<FUSED>(self.a, self.b)
+    }
+}
+
+impl Kernel for Dots<'_> {
+    type Output = [f64; 4];
+
+    #[inline(always)]
+    fn run<const FUSED: bool>(self) -> [f64; 4] {
+        const PIECE: usize = 2 * VECTOR;
+        let Self { a, b } = self;
+        let n = a.iter().fold(b.len(), |n, a| n.min(a.len()));
+        let (a, b) = (a.map(|a| &a[..n]), &b[..n]);
+        let mut sums = [[0.0f64; PIECE]; 4];
+        let whole = n / PIECE * PIECE;
+        for t in (0..whole).step_by(PIECE) {
+            let y = &b[t..t + PIECE];
+            for (sums, a) in sums.iter_mut().zip(&a) {
+                let x = &a[t..t + PIECE];
+                for k in 0..PIECE {
+                    sums[k] = multiply_add::<FUSED>(x[k], y[k], sums[k]);
+                }
+            }
+        }
+        std::array::from_fn(|j| {
+            let rest = dot_of::<FUSED>(&a[j][whole..], &b[whole..]);
+            sums[j].iter().sum::<f64>() + rest
+        })
     }
 }
 
@@ -140,6 +178,10 @@ mod tests {
         let b: Vec<f64> = (0..1003).map(|k| (k as f64 * 0.11).cos()).collect();
         let plain: f64 = a.iter().zip(&b).map(|(x, y)| x * y).sum();
         assert!((dot(&a, &b) - plain).abs() < 1e-10);
+        let four = dots([&a, &b, &a[1..], &b[..7]], &b);
+        let plain = [&a[..], &b, &a[1..], &b[..7]].map(|a| dot(a, &b[..7]));
+        assert!(four.iter().zip(&plain).all(|(x, y)| (x - y).abs() < 1e-10));
+        assert!((dots([&a, &b, &a, &b], &b)[2] - dot(&a, &b)).abs() < 1e-10);
         let taps = [0.5, -0.2, 0.1];
         let mut out = vec![0.0; 1003];
         add_filtered(&mut out, &a, &taps);

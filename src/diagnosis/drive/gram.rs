@@ -1,7 +1,7 @@
 //! Inner products of columns per recording, fold and band. Fits never touch samples again.
 
 use super::spectra::{Cell, Plan, Response, Spectrum};
-use crate::signal::inner_products::dot;
+use crate::signal::inner_products::{dot, dots};
 use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::{Arc, OnceLock};
@@ -65,6 +65,7 @@ pub(super) struct BandGram {
     pub(super) values: f64,
     /// Number of columns.
     pub(super) order: usize,
+    /// Symmetric: motor with motor, the mean of motor with stage and stage with motor, stage with stage.
     pub(super) products: [Vec<f64>; 3],
 }
 
@@ -106,11 +107,20 @@ impl Products {
         });
         Self([(0, 0), (0, 1), (1, 0), (1, 1)].map(|(a, b)| {
             let mut out = vec![0.0; own.len() * n];
-            for (row, i) in out.chunks_mut(n).zip(own.clone()) {
-                let Some(left) = sides[a][i] else { continue };
-                let until = [[i + 1, n], [own.start, i + 1]][a][b];
-                for (j, value) in row.iter_mut().enumerate().take(until) {
-                    *value = sides[b][j].map_or(0.0, |right| dot(left, right));
+            let until = |i: usize| [[i + 1, n], [own.start, i + 1]][a][b];
+            let acting: Vec<(usize, &[f64])> =
+                own.clone().filter_map(|i| sides[a][i].map(|left| (i, left))).collect();
+            // Four at a time beside each other column: what was loaded is used four times.
+            for four in acting.chunks(4) {
+                let last = four.iter().map(|(i, _)| until(*i)).max().unwrap_or(0);
+                for (j, right) in sides[b][..last].iter().enumerate() {
+                    let Some(right) = right else { continue };
+                    let lefts = std::array::from_fn(|k| four.get(k).map_or(&[][..], |(_, left)| left));
+                    let values =
+                        if four.len() == 4 { dots(lefts, right) } else { lefts.map(|left| dot(left, right)) };
+                    for ((i, _), value) in four.iter().zip(values).filter(|((i, _), _)| j < until(*i)) {
+                        out[(i - own.start) * n + j] = value;
+                    }
                 }
             }
             out
@@ -127,14 +137,11 @@ impl Products {
     fn put_into(&self, own: &Range<usize>, [motor, both, stage]: &mut [Vec<f64>; 3], n: usize) {
         let at = |kind: usize, i: usize, j: usize| self.0[kind][(i - own.start) * own.end + j];
         for i in own.clone() {
-            for j in 0..own.end {
-                if j <= i {
-                    (motor[i * n + j], motor[j * n + i]) = (at(0, i, j), at(0, i, j));
-                    (stage[i * n + j], stage[j * n + i]) = (at(3, i, j), at(3, i, j));
-                }
-                both[i * n + j] = at(1, i, j);
-                if j < own.start {
-                    both[j * n + i] = at(2, i, j);
+            for j in 0..=i {
+                let other = if j < own.start { at(2, i, j) } else { at(1, j, i) };
+                let values = [at(0, i, j), 0.5 * (at(1, i, j) + other), at(3, i, j)];
+                for (matrix, value) in [&mut *motor, &mut *both, &mut *stage].into_iter().zip(values) {
+                    (matrix[i * n + j], matrix[j * n + i]) = (value, value);
                 }
             }
         }

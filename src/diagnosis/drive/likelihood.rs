@@ -12,6 +12,7 @@ use super::dynamics::Dynamics;
 use super::gram::{BandGram, Gram};
 use super::number::Number;
 use crate::diagnosis::criteria::{Criteria, Z95};
+use crate::signal::inner_products::dot;
 use nalgebra::{DMatrix, DVector};
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
@@ -75,8 +76,8 @@ impl Design {
         let c = self.coefficients(beta, n);
         let used: Vec<usize> = (0..n).filter(|k| c[*k] != 0.0 && band.acts(*k)).collect();
         let quadratic = |kind: usize| {
-            let m = &band.products[kind];
-            used.iter().map(|i| c[*i] * used.iter().map(|j| m[i * n + j] * c[*j]).sum::<f64>()).sum::<f64>()
+            let row = |i: usize| &band.products[kind][i * n..(i + 1) * n];
+            used.iter().map(|i| c[*i] * dot(row(*i), &c)).sum::<f64>()
         };
         let scale = |kind: usize| {
             used.iter().map(|i| c[*i].powi(2) * band.products[kind][i * n + i]).sum::<f64>() * ROUNDING
@@ -111,8 +112,16 @@ impl Design {
 
     /// L of these coefficients, nats.
     pub(super) fn nats(&self, bands: &[BandGram], beta: &[f64]) -> f64 {
-        let spectra: f64 = bands.iter().map(|b| 0.5 * b.values * self.log_det(self.spread(b, beta))).sum();
-        spectra - self.jacobian(bands, beta)
+        self.nats_of(bands, &self.spreads(bands, beta), beta)
+    }
+
+    fn spreads(&self, bands: &[BandGram], beta: &[f64]) -> Vec<Spread> {
+        bands.iter().map(|b| self.spread(b, beta)).collect()
+    }
+
+    fn nats_of(&self, bands: &[BandGram], spreads: &[Spread], beta: &[f64]) -> f64 {
+        let of = |(b, s): (&BandGram, &Spread)| 0.5 * b.values * self.log_det(*s);
+        bands.iter().zip(spreads).map(of).sum::<f64>() - self.jacobian(bands, beta)
     }
 
     /// Log of the Jacobian from forces to motion, nats.
@@ -147,12 +156,13 @@ impl Design {
 
     /// Weights that the residuals of these coefficients give.
     pub(super) fn weights(&self, bands: &[BandGram], beta: &[f64]) -> Vec<Spread> {
-        bands.iter().map(|b| self.weight(self.spread(b, beta))).collect()
+        self.spreads(bands, beta).into_iter().map(|s| self.weight(s)).collect()
     }
 
     /// Fits from `beta`; the first step is taken with `weights`.
     pub(super) fn fit(&self, bands: &[BandGram], beta: Vec<f64>, weights: Vec<Spread>) -> Fit {
-        self.iterated(bands, beta, &weights, |beta| Some(self.normal(bands, &self.weights(bands, beta))))
+        let weights_of = |s: &[Spread]| s.iter().map(|s| self.weight(*s)).collect::<Vec<_>>();
+        self.iterated(bands, beta, &weights, |spreads| Some(self.normal(bands, &weights_of(spreads))))
     }
 
     /// Fits a part from `beta` under weights that stay: the noise spectrum is known from all. A part alone
@@ -161,23 +171,24 @@ impl Design {
         self.iterated(bands, beta.to_vec(), weights, |_| None).beta
     }
 
-    /// Newton steps until L stands; `reweighted`: the normal equations under other weights, beside new
-    /// coefficients.
+    /// Newton steps until L stands; `reweighted`: the normal equations under the weights of what new
+    /// coefficients leave.
     fn iterated(
         &self,
         bands: &[BandGram],
         mut beta: Vec<f64>,
         weights: &[Spread],
-        reweighted: impl Fn(&[f64]) -> Option<(DMatrix<f64>, DVector<f64>)>,
+        reweighted: impl Fn(&[Spread]) -> Option<(DMatrix<f64>, DVector<f64>)>,
     ) -> Fit {
         let mut nats = f64::INFINITY;
-        let mut held = vec![false; beta.len()];
+        let mut held = vec![None; beta.len()];
         // Where not even the first step is finite nothing is known: no information about any number.
         let mut information = DMatrix::zeros(beta.len(), beta.len());
         let mut normal = self.normal(bands, weights);
         for _ in 0..ITERATIONS {
-            let (next, bound, curved) = self.step(bands, (&normal.0, &normal.1), &beta);
-            let now = self.nats(bands, &next);
+            let (next, bound, curved) = self.step(bands, (&normal.0, &normal.1), (&beta, &held));
+            let left = self.spreads(bands, &next);
+            let now = self.nats_of(bands, &left, &next);
             if !now.is_finite() {
                 break;
             }
@@ -186,9 +197,9 @@ impl Design {
             if gained.abs() < Criteria::STANDARD.converged_nats {
                 break;
             }
-            normal = reweighted(&beta).unwrap_or(normal);
+            normal = reweighted(&left).unwrap_or(normal);
         }
-        Fit { beta, nats, held, information }
+        Fit { beta, nats, held: held.iter().map(Option::is_some).collect(), information }
     }
 
     /// Half the gradient of L on a part of the values, under weights.
@@ -225,12 +236,9 @@ impl Design {
             let [mm, ms, ss] = &band.products;
             let both = self.sides == 2;
             let at = |i: usize, j: usize| {
-                let first = w[0] * mm[i * n + j];
-                if both {
-                    first + w[2] * ss[i * n + j] + w[1] * (ms[i * n + j] + ms[j * n + i])
-                } else {
-                    first
-                }
+                let k = i * n + j;
+                let first = w[0] * mm[k];
+                if both { first + w[2] * ss[k] + 2.0 * w[1] * ms[k] } else { first }
             };
             // N_rb over the values of the mean: a half, since blocks overlap by half.
             let acting: Vec<usize> = (0..p).filter(|k| band.acts(self.columns[*k])).collect();
@@ -268,13 +276,14 @@ impl Design {
         self.normal(by_band, &seen).0 - self.normal(bands, weights).0
     }
 
-    /// One Newton step of the weighted squares and the mass term, bounds held.
+    /// One Newton step of the weighted squares and the mass term, bounds held. `at`: coefficients, and where
+    /// the last step held them.
     fn step(
         &self,
         bands: &[BandGram],
         (a, b): (&DMatrix<f64>, &DVector<f64>),
-        beta: &[f64],
-    ) -> (Vec<f64>, Vec<bool>, DMatrix<f64>) {
+        (beta, at): (&[f64], &[Option<f64>]),
+    ) -> (Vec<f64>, Vec<Option<f64>>, DMatrix<f64>) {
         let p = self.columns.len();
         let total = values(bands);
         let mut curved = a.clone();
@@ -292,12 +301,12 @@ impl Design {
             curved[(*k, *k)] += c;
             pull[*k] += total / m + c * beta[*k];
         }
-        let (mut next, held) = between_bounds((&curved, &pull), &self.bounds);
+        let (mut next, held) = between_bounds((&curved, &pull), &self.bounds, at);
         for (k, held) in &self.masses {
             let m = (held + beta[*k]).max(1e-12);
             next[*k] = (held + next[*k]).clamp(MASS_STEP * m, m / MASS_STEP) - held;
         }
-        (next, held.iter().map(Option::is_some).collect(), curved)
+        (next, held, curved)
     }
 }
 
@@ -332,14 +341,16 @@ fn scaled(a: &DMatrix<f64>, is_held: impl Fn(usize) -> bool) -> (Vec<usize>, Vec
 
 /// Coefficients at the least of half b'Ab - b'p between their bounds, and which are held at one: the first
 /// that is outside is held, or of those that are held the first that is drawn inside is let go, until there
-/// is none (Murty's least index, finite for a convex form).
+/// is none (Murty's least index, finite for a convex form from any beginning: `at`, what was held before).
 ///
 /// Checked by: tests::coefficients_between_bounds_are_those_of_coordinate_descent.
 fn between_bounds(
     (a, pull): (&DMatrix<f64>, &DVector<f64>),
     bounds: &[[f64; 2]],
+    at: &[Option<f64>],
 ) -> (Vec<f64>, Vec<Option<f64>>) {
-    let mut held: Vec<Option<f64>> = bounds.iter().map(|[low, high]| (low >= high).then_some(*low)).collect();
+    let fixed = |[low, high]: &[f64; 2]| (low >= high).then_some(*low);
+    let mut held: Vec<Option<f64>> = bounds.iter().zip(at).map(|(b, at)| fixed(b).or(*at)).collect();
     let mut next = solve(a, pull, &held);
     for _ in 0..4 * bounds.len() {
         let flipped = |(k, [low, high]): (usize, &[f64; 2])| match held[k] {
@@ -449,7 +460,11 @@ mod tests {
             let pull = DVector::from_fn(p, |_, _| rng.random_range(-1.0..1.0));
             let kinds = [FREE, POSITIVE, [0.0, 0.3], [0.2, 0.2]];
             let bounds: Vec<[f64; 2]> = (0..p).map(|_| kinds[rng.random_range(0..4)]).collect();
-            let (found, held) = between_bounds((&a, &pull), &bounds);
+            let (found, held) = between_bounds((&a, &pull), &bounds, &vec![None; p]);
+            let again = between_bounds((&a, &pull), &bounds, &held);
+            let at_low: Vec<_> = bounds.iter().map(|b| (b[0] > f64::NEG_INFINITY).then_some(b[0])).collect();
+            assert_eq!(between_bounds((&a, &pull), &bounds, &at_low), again);
+            assert_eq!(again, (found.clone(), held.clone()), "{bounds:?}");
             let apart = found.iter().zip(descended(&a, &pull, &bounds)).map(|(x, y)| (x - y).abs());
             assert!(apart.fold(0.0, f64::max) < 1e-6, "{bounds:?}");
             let at = held.iter().zip(&found).all(|(h, x)| h.is_none_or(|h| h == *x));

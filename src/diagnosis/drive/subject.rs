@@ -210,8 +210,9 @@ impl<'a> Drive<'a> {
             let others = self.settled(others, PASSES, work);
             let waves = if is_map { candidates(self.balance, &others) } else { Vec::new() };
             let waves = waves.into_iter().filter(|h| h.effect == EffectKind::PositionPeriodicForce);
-            let asked = rival.into_iter().chain(waves);
-            let fitted = asked.filter_map(|h| self.fit(&others, &h, work)).filter(Fitted::qualifies);
+            let asked: Vec<Hypothesis> = rival.into_iter().chain(waves).collect();
+            let fitted = work.on_two_cores(&asked, |h, own| self.fit(&others, h, own));
+            let fitted = fitted.into_iter().flatten().filter(Fitted::qualifies);
             let Some(best) = fitted.max_by(|a, b| a.evidence_nats.total_cmp(&b.evidence_nats)) else {
                 continue;
             };
@@ -519,13 +520,14 @@ impl Subject for Drive<'_> {
         state: &State,
         hypotheses: &[Hypothesis],
         work: &mut Work,
-        begins: &dyn Fn(&Work, &Hypothesis),
+        begins: &(dyn Fn(&Work, &str) + Sync),
     ) -> Vec<Fitted<Hypothesis, State>> {
-        let pair = |pair: &[Hypothesis]| {
-            pair.iter().for_each(|h| begins(work, h));
-            work.on_two_cores(pair, |h, work| self.fit(state, h, work))
-        };
-        hypotheses.chunks(2).flat_map(pair).flatten().collect()
+        let at = work.clone();
+        let fitted = work.on_two_cores(hypotheses, |h, own| {
+            begins(&at, self.name(h).0);
+            self.fit(state, h, own)
+        });
+        fitted.into_iter().flatten().collect()
     }
 
     /// A load and a friction that differs between the directions are one but where the axis turns round, a
