@@ -220,7 +220,7 @@ impl<'a> Ground<'a> {
         if let Some(part) = part {
             let other: Vec<f64> = match TURNING.get(part) {
                 Some(form) => v.iter().map(|v| form(v / v_s)).collect(),
-                None => play(&track.sides[side].x_m, 0.0, self.signals.least_way_m(side)),
+                None => play(&track.sides[side].x_m, 0.0, self.signals.yield_m(side)),
             };
             slides.iter_mut().zip(other).for_each(|(s, o)| *s = o - *s);
         }

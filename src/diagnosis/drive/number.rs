@@ -30,7 +30,7 @@ pub(in crate::diagnosis) enum Number {
     StageDamping,
     StageCoulomb,
     /// Parts of the dry friction of motor and stage that turn over one of [`TURNING`], or with one position
-    /// over the least way that the encoder tells.
+    /// over a way ([`super::signals::Signals::yield_m`]).
     MotorTurning(usize),
     StageTurning(usize),
     /// When a reference acts.

@@ -391,6 +391,12 @@ impl Signals {
         turning_m.max(4.0 * self.steps_m[side]).max(self.wound_m).min(0.1 * (high - low))
     }
 
+    /// Way after which friction that turns over a way has turned, m: that which the spring gives under the
+    /// stage's friction, the least one where there is none.
+    pub(super) fn yield_m(&self, side: usize) -> f64 {
+        if self.wound_m > 0.0 { self.wound_m } else { self.least_way_m(side) }
+    }
+
     /// Thinned grid in a recording.
     fn thin(&self, track: &Track) -> Grid {
         Grid { first: track.thin_first, step: self.step, count: track.thin_count() }
