@@ -93,6 +93,20 @@ fn number_bounds(balance: &Balance, now: &Standing, (number, accepted): (Number,
     }
 }
 
+/// Places of the levels of dry friction, each with those of the forms in which parts of it turn.
+fn levels_of(numbers: &[Number]) -> Vec<(usize, Vec<usize>)> {
+    let places = |is: &dyn Fn(&Number) -> bool| -> Vec<usize> {
+        numbers.iter().enumerate().filter(|(_, n)| is(n)).map(|(k, _)| k).collect()
+    };
+    let of_motor = places(&|n| matches!(n, N::MotorTurning(_)));
+    let of_stage = places(&|n| matches!(n, N::StageTurning(_)));
+    let level = |of: Number| numbers.iter().position(|n| *n == of);
+    [(level(N::MotorCoulomb), of_motor), (level(N::StageCoulomb), of_stage)]
+        .into_iter()
+        .filter_map(|(level, parts)| Some((level?, parts)))
+        .collect()
+}
+
 /// Columns of laws, where a fit of them begins and within what.
 #[derive(Default)]
 struct Taken {
@@ -165,6 +179,7 @@ pub(super) fn base(balance: &Balance, (now, idle): (&Standing, Option<Idle>), ac
         target: 0,
         columns: Vec::new(),
         bounds: Vec::new(),
+        levels: levels_of(&numbers),
         dynamics: Dynamics::at(plan.points.clone()),
         masses: numbers
             .iter()

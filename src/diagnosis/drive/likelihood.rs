@@ -15,6 +15,7 @@ use crate::diagnosis::criteria::{Criteria, Z95};
 use crate::signal::inner_products::dot;
 use nalgebra::{DMatrix, DVector};
 use statrs::distribution::{ContinuousCDF, StudentsT};
+use std::ops::AddAssign;
 
 /// Iterations of the reweighted fit at most.
 pub(super) const ITERATIONS: usize = 60;
@@ -33,6 +34,8 @@ pub(super) struct Design {
     pub(super) bounds: Vec<[f64; 2]>,
     /// Columns that are masses, by place in `columns`, with what the target holds of them already.
     pub(super) masses: Vec<(usize, f64)>,
+    /// Levels of dry friction, by place in `columns`, each with its parts, which together are no more than it.
+    pub(super) levels: Vec<(usize, Vec<usize>)>,
     /// The axis as the coefficients make it.
     pub(super) dynamics: Dynamics,
     /// 1 or 2.
@@ -199,7 +202,11 @@ impl Design {
             }
             normal = reweighted(&left).unwrap_or(normal);
         }
-        Fit { beta, nats, held: held.iter().map(Option::is_some).collect(), information }
+        let mut held: Vec<bool> = held.iter().map(Option::is_some).collect();
+        for (level, parts) in &self.levels {
+            held[*level] &= parts.iter().all(|part| held[*part]);
+        }
+        Fit { beta, nats, held, information }
     }
 
     /// Half the gradient of L on a part of the values, under weights.
@@ -301,7 +308,7 @@ impl Design {
             curved[(*k, *k)] += c;
             pull[*k] += total / m + c * beta[*k];
         }
-        let (mut next, held) = between_bounds((&curved, &pull), &self.bounds, at);
+        let (mut next, held) = within_levels((&curved, &pull), (&self.bounds, &self.levels), at);
         for (k, held) in &self.masses {
             let m = (held + beta[*k]).max(1e-12);
             next[*k] = (held + next[*k]).clamp(MASS_STEP * m, m / MASS_STEP) - held;
@@ -375,6 +382,41 @@ fn between_bounds(
         if inside != next[k] {
             (next[k], held[k]) = (inside, Some(inside));
         }
+    }
+    (next, held)
+}
+
+/// The same where parts of a level that is free are no more than it, `b_l >= sum b_k`: beside them the rest
+/// of the level, `b_l - sum b_k`, is what has a bound. It is held where the parts are all of the level.
+///
+/// Checked by: tests::parts_of_a_level_are_no_more_than_it.
+fn within_levels(
+    (a, pull): (&DMatrix<f64>, &DVector<f64>),
+    (bounds, levels): (&[[f64; 2]], &[(usize, Vec<usize>)]),
+    at: &[Option<f64>],
+) -> (Vec<f64>, Vec<Option<f64>>) {
+    let is_free = |(level, _): &&(usize, Vec<usize>)| {
+        let [low, high] = bounds[*level];
+        low < high && low.is_finite()
+    };
+    let levels: Vec<_> = levels.iter().filter(is_free).collect();
+    let (mut a, mut pull, mut bounds) = (a.clone(), pull.clone(), bounds.to_vec());
+    for (level, parts) in &levels {
+        for part in parts {
+            let column = a.column(*level).into_owned();
+            a.column_mut(*part).add_assign(&column);
+            let row = a.row(*level).into_owned();
+            a.row_mut(*part).add_assign(&row);
+            pull[*part] += pull[*level];
+            bounds[*level][0] -= bounds[*part][0];
+            if bounds[*part][0] < bounds[*part][1] {
+                bounds[*part][1] = f64::INFINITY;
+            }
+        }
+    }
+    let (mut next, held) = between_bounds((&a, &pull), &bounds, at);
+    for (level, parts) in levels {
+        next[*level] += parts.iter().map(|part| next[*part]).sum::<f64>();
     }
     (next, held)
 }
@@ -469,6 +511,30 @@ mod tests {
             assert!(apart.fold(0.0, f64::max) < 1e-6, "{bounds:?}");
             let at = held.iter().zip(&found).all(|(h, x)| h.is_none_or(|h| h == *x));
             assert!(at, "{held:?} {found:?}");
+        }
+    }
+
+    #[test]
+    fn parts_of_a_level_are_no_more_than_it() {
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        let levels = [(1, vec![2, 3])];
+        for _ in 0..200 {
+            let p = 5;
+            let m = DMatrix::from_fn(p + 2, p, |_, _| rng.random_range(-1.0..1.0));
+            let a = m.transpose() * &m + DMatrix::identity(p, p) * 0.05;
+            let pull = DVector::from_fn(p, |_, _| rng.random_range(-1.0..1.0));
+            let bounds = [FREE, POSITIVE, [0.0, 0.3], [0.0, 0.3], FREE];
+            let (found, _) = within_levels((&a, &pull), (&bounds, &levels), &vec![None; p]);
+            let is_allowed = |x: &[f64]| x[2] >= 0.0 && x[3] >= 0.0 && x[1] - x[2] - x[3] >= -1e-12;
+            let form = |x: &[f64]| {
+                let x = DVector::from_column_slice(x);
+                0.5 * x.dot(&(&a * &x)) - pull.dot(&x)
+            };
+            assert!(is_allowed(&found), "{found:?}");
+            for _ in 0..300 {
+                let other: Vec<f64> = found.iter().map(|x| x + rng.random_range(-0.1..0.1)).collect();
+                assert!(!is_allowed(&other) || form(&other) >= form(&found) - 1e-9, "{other:?} {found:?}");
+            }
         }
     }
 }
