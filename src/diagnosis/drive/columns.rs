@@ -125,7 +125,7 @@ pub(super) struct ReadAt {
 impl<'a> Ground<'a> {
     /// A recording where a law at a port is asked.
     pub(super) fn at(&'a self, port: Port, track: &'a Track) -> At<'a> {
-        let side = &track.sides[self.side(port)];
+        let side = &track.sides[self.moves_as(port)];
         At { ground: self, track, x_m: &side.x_m, v_m_s: &side.v_m_s }
     }
 
@@ -172,7 +172,7 @@ impl<'a> Ground<'a> {
     pub(super) fn stated(&self, law: &ForceLaw, port: Port) -> TimeColumn {
         let side = self.side(port);
         let of = |track: &Track| {
-            let s = &track.sides[side];
+            let s = &track.sides[self.moves_as(port)];
             let force = s.x_m.iter().zip(&s.v_m_s).map(|(x, v)| law.force_n(*x, *v, self.smoothing_m_s));
             self.signals.filtered(track, &force.collect::<Vec<f64>>(), 0)
         };
@@ -195,6 +195,11 @@ impl<'a> Ground<'a> {
         usize::from(self.signals.layout == Layout::TwoPositions && !of_motor)
     }
 
+    /// The same with the stage of one position where the screw moves it.
+    fn moves_as(&self, port: Port) -> usize {
+        if port == Port::Stage && self.signals.has_following() { 1 } else { self.side(port) }
+    }
+
     /// Mean stiffness of each law of the stretch over all recordings, N/m.
     pub(super) fn mean_stiffness(&self, springs: &[SpringLaw]) -> Vec<f64> {
         let pairs = || self.signals.tracks.iter().flat_map(|t| t.stretch_m.iter().zip(&t.sides[0].x_m));
@@ -213,13 +218,19 @@ impl<'a> Ground<'a> {
     }
 
     /// Unit dry friction of a side, thinned, or what one of its parts is more than the usual form: a part is
-    /// in place of it, and the level of friction is one number.
+    /// in place of it, and the level of friction is one number. Of one position it is that of the stage, and
+    /// a part that of the motor, where the screw between them is stated.
     pub(super) fn dry(&self, track: &Track, side: usize, part: Option<usize>) -> Vec<f64> {
-        let (v, v_s) = (&track.sides[side].v_m_s, self.smoothing_m_s);
+        let has_following = self.signals.has_following();
+        let of = if has_following { 1 } else { side };
+        let (v, v_s) = (&track.sides[of].v_m_s, self.smoothing_m_s);
         let mut slides: Vec<f64> = v.iter().map(|v| sliding_direction(*v, v_s)).collect();
         if let Some(part) = part {
             let other: Vec<f64> = match TURNING.get(part) {
                 Some(form) => v.iter().map(|v| form(v / v_s)).collect(),
+                None if has_following => {
+                    track.sides[0].v_m_s.iter().map(|v| sliding_direction(*v, v_s)).collect()
+                }
                 None => play(&track.sides[side].x_m, 0.0, self.signals.yield_m(side)),
             };
             slides.iter_mut().zip(other).for_each(|(s, o)| *s = o - *s);

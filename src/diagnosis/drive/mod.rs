@@ -13,6 +13,7 @@ mod encoders;
 mod entry;
 mod evidence;
 mod faults;
+mod following;
 mod given;
 mod gram;
 mod heldout;

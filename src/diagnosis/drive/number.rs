@@ -30,7 +30,7 @@ pub(in crate::diagnosis) enum Number {
     StageDamping,
     StageCoulomb,
     /// Parts of the dry friction of motor and stage that turn over one of [`TURNING`], or with one position
-    /// over a way ([`super::signals::Signals::yield_m`]).
+    /// with the motor, the rest with the stage, or over a way (see [`super::columns::Ground::dry`]).
     MotorTurning(usize),
     StageTurning(usize),
     /// When a reference acts.

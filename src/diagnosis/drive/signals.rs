@@ -1,6 +1,7 @@
 //! From recordings to aligned, low-passed signals of one axis: at the full rate for laws that are not linear,
 //! thinned for the balance.
 
+use super::following::Following;
 use super::one_mass::THINNED_PER_BAND;
 pub(in crate::diagnosis) use super::reads::Layout;
 use super::reads::{KERNELS, Read, band_hz, clean_band_hz, positions, stage_behind, stage_is_finer};
@@ -46,7 +47,7 @@ pub(super) struct Track {
     pub(super) reference: Thrust,
     /// Of a spindle that may drive a cut, turns a second.
     pub(super) spindle_hz: Option<f64>,
-    /// Motor and stage; on an axis with one position the second is empty.
+    /// Motor and stage; on an axis with one position the second is as the stated screw moves it, or empty.
     pub(super) sides: [Side; 2],
     /// x_m - x_t about its mean, full rate.
     pub(super) stretch_m: Vec<f64>,
@@ -84,6 +85,8 @@ pub(super) struct Signals {
     pub(super) tracks: Vec<Track>,
     /// Of one position: way that the spring gives under the stage's friction, m.
     pub(super) wound_m: f64,
+    /// Of the motor's position alone: the stage behind it, where the model states it.
+    following: Option<Following>,
     /// Of one position: variance of its noise in each recording, m2.
     pub(super) noise_m2: Vec<f64>,
     /// Kernels without a shift: signal, first and second derivative.
@@ -188,6 +191,7 @@ impl Signals {
             smoothing_m_s: turning.smoothing_m_s,
             tracks: Vec::new(),
             wound_m: one_mass.map_or(0.0, |s| s.wound_m),
+            following: None,
             noise_m2: positions.iter().map(of_one).collect(),
             kernels: [0, 1, 2].map(|derivative| low_pass(band_hz, derivative).after(&mean_of_laws)),
             of_velocity: turning.velocity_hz.map(|hz| low_pass(hz, 1)),
@@ -198,12 +202,17 @@ impl Signals {
             let all = recordings.iter().zip(&positions).enumerate();
             all.map(|(k, (r, read))| signals.track(axis, r, (read, turning.velocity_hz, mask(k)))).collect()
         };
+        let has_motor_alone = layout == Layout::OnePosition && !is_of_stage;
+        let following =
+            |smoothing_m_s| Following::stated(&axis.drive, smoothing_m_s).filter(|_| has_motor_alone);
+        signals.following = following(signals.smoothing_m_s);
         signals.tracks = read(&signals, &turning)?;
         let ways: Vec<Turning> = bands.of_one().filter(|_| !two).collect();
         let all = signals.left(&positions, &ways).into_iter().zip(ways);
         let best = all.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, t)| t);
         if let Some(told) = best.filter(|t| *t != turning) {
             signals.smoothing_m_s = told.smoothing_m_s;
+            signals.following = following(told.smoothing_m_s);
             signals.of_velocity = told.velocity_hz.map(|hz| low_pass(hz, 1));
             signals.tracks = read(&signals, &told)?;
         }
@@ -335,7 +344,16 @@ impl Signals {
                 out.position = back(of_thin(0));
             }
         }
+        if let (Some(stage), [Read { x_m, delay_s, .. }]) = (self.following, positions) {
+            let wide = self.low_pass(velocity_hz[0], 0, *delay_s).apply(x_m, full);
+            sides[1] = stage.behind(&Side { x_m: wide, v_m_s: sides[0].v_m_s.clone() }, self.rate_hz);
+        }
         (sides, out)
+    }
+
+    /// True where the stage of one position is moved by the stated screw.
+    pub(super) fn has_following(&self) -> bool {
+        self.following.is_some()
     }
 
     /// Samples that the longest thrust filter needs on either side.
