@@ -98,7 +98,7 @@ impl Balance {
     /// D what friction differs by, t' the rate of the thrust.
     pub(super) fn timing_deviation_s(&self, dry_n: f64) -> f64 {
         let wound_m = match (self.signals.layout, self.drive.axial_stiffness_n_m()) {
-            _ if self.signals.has_following() => 0.0,
+            _ if self.signals.following.is_some() => 0.0,
             (Layout::OnePosition, k) if k > 0.0 => dry_n / k,
             _ => self.signals.wound_m,
         };

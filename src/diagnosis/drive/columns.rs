@@ -197,7 +197,7 @@ impl<'a> Ground<'a> {
 
     /// The same with the stage of one position where the screw moves it.
     fn moves_as(&self, port: Port) -> usize {
-        if port == Port::Stage && self.signals.has_following() { 1 } else { self.side(port) }
+        if port == Port::Stage && self.signals.following.is_some() { 1 } else { self.side(port) }
     }
 
     /// Mean stiffness of each law of the stretch over all recordings, N/m.
@@ -221,7 +221,7 @@ impl<'a> Ground<'a> {
     /// in place of it, and the level of friction is one number. Of one position it is that of the stage, and
     /// a part that of the motor, where the screw between them is stated.
     pub(super) fn dry(&self, track: &Track, side: usize, part: Option<usize>) -> Vec<f64> {
-        let has_following = self.signals.has_following();
+        let has_following = self.signals.following.is_some();
         let of = if has_following { 1 } else { side };
         let (v, v_s) = (&track.sides[of].v_m_s, self.smoothing_m_s);
         let mut slides: Vec<f64> = v.iter().map(|v| sliding_direction(*v, v_s)).collect();

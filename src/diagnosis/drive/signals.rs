@@ -86,7 +86,7 @@ pub(super) struct Signals {
     /// Of one position: way that the spring gives under the stage's friction, m.
     pub(super) wound_m: f64,
     /// Of the motor's position alone: the stage behind it, where the model states it.
-    following: Option<Following>,
+    pub(super) following: Option<Following>,
     /// Of one position: variance of its noise in each recording, m2.
     pub(super) noise_m2: Vec<f64>,
     /// Kernels without a shift: signal, first and second derivative.
@@ -173,6 +173,7 @@ impl Signals {
         });
         let one_mass = (layout == Layout::OnePosition).then(|| stage_behind(axis, recordings)).flatten();
         let band_hz = band_hz((layout, rate_hz), one_mass).min(clean_hz.fold(f64::INFINITY, f64::min));
+        let has_motor_alone = layout == Layout::OnePosition && !is_of_stage;
         let of_step = steps_m.map(|step_m| SpeedOfStep { step_m, rate_hz });
         let shortest = recordings.iter().map(Recording::len).min().unwrap_or(1);
         let narrowest_hz = KERNELS * rate_hz / shortest as f64;
@@ -191,7 +192,7 @@ impl Signals {
             smoothing_m_s: turning.smoothing_m_s,
             tracks: Vec::new(),
             wound_m: one_mass.map_or(0.0, |s| s.wound_m),
-            following: None,
+            following: has_motor_alone.then(|| Following::stated(&axis.drive)).flatten(),
             noise_m2: positions.iter().map(of_one).collect(),
             kernels: [0, 1, 2].map(|derivative| low_pass(band_hz, derivative).after(&mean_of_laws)),
             of_velocity: turning.velocity_hz.map(|hz| low_pass(hz, 1)),
@@ -202,17 +203,12 @@ impl Signals {
             let all = recordings.iter().zip(&positions).enumerate();
             all.map(|(k, (r, read))| signals.track(axis, r, (read, turning.velocity_hz, mask(k)))).collect()
         };
-        let has_motor_alone = layout == Layout::OnePosition && !is_of_stage;
-        let following =
-            |smoothing_m_s| Following::stated(&axis.drive, smoothing_m_s).filter(|_| has_motor_alone);
-        signals.following = following(signals.smoothing_m_s);
         signals.tracks = read(&signals, &turning)?;
         let ways: Vec<Turning> = bands.of_one().filter(|_| !two).collect();
         let all = signals.left(&positions, &ways).into_iter().zip(ways);
         let best = all.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, t)| t);
         if let Some(told) = best.filter(|t| *t != turning) {
             signals.smoothing_m_s = told.smoothing_m_s;
-            signals.following = following(told.smoothing_m_s);
             signals.of_velocity = told.velocity_hz.map(|hz| low_pass(hz, 1));
             signals.tracks = read(&signals, &told)?;
         }
@@ -346,14 +342,10 @@ impl Signals {
         }
         if let (Some(stage), [Read { x_m, delay_s, .. }]) = (self.following, positions) {
             let wide = self.low_pass(velocity_hz[0], 0, *delay_s).apply(x_m, full);
-            sides[1] = stage.behind(&Side { x_m: wide, v_m_s: sides[0].v_m_s.clone() }, self.rate_hz);
+            let motor = Side { x_m: wide, v_m_s: sides[0].v_m_s.clone() };
+            sides[1] = stage.behind(&motor, self.rate_hz, self.smoothing_m_s);
         }
         (sides, out)
-    }
-
-    /// True where the stage of one position is moved by the stated screw.
-    pub(super) fn has_following(&self) -> bool {
-        self.following.is_some()
     }
 
     /// Samples that the longest thrust filter needs on either side.

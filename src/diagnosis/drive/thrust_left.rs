@@ -2,7 +2,7 @@
 
 use super::one_mass::coefficients;
 use super::reads::Read;
-use super::signals::{Path, Signals, Track, inside};
+use super::signals::{Path, Side, Signals, Track, inside};
 use super::turning::Turning;
 use crate::plant::effects::coulomb_friction::sliding_direction;
 use nalgebra::{SMatrix, SVector};
@@ -21,10 +21,19 @@ impl Signals {
             let local: Vec<f64> = read.x_m.iter().map(|x| x - read.x_m[0]).collect();
             let judged = track.judged();
             for (sum, turning) in sums.iter_mut().zip(turnings) {
-                let kernel = self.low_pass(turning.velocity_hz[0], 1, read.delay_s);
-                let v = inside(&kernel, &local, vec![0.0; local.len()]);
-                let v = &v[track.full_first..v.len() - track.full_first];
-                let dry: Vec<f64> = v.iter().map(|v| sliding_direction(*v, turning.smoothing_m_s)).collect();
+                let smoothing_m_s = turning.smoothing_m_s;
+                let of = |derivative: u32| {
+                    let kernel = self.low_pass(turning.velocity_hz[0], derivative, read.delay_s);
+                    let all = inside(&kernel, &local, vec![0.0; local.len()]);
+                    all[track.full_first..all.len() - track.full_first].to_vec()
+                };
+                let mut slides = Side { x_m: Vec::new(), v_m_s: of(1) };
+                if let Some(stage) = self.following {
+                    slides.x_m = of(0);
+                    slides = stage.behind(&slides, self.rate_hz, smoothing_m_s);
+                }
+                let dry: Vec<f64> =
+                    slides.v_m_s.iter().map(|v| sliding_direction(*v, smoothing_m_s)).collect();
                 *sum += left_of(track, (&thrust, &self.filtered(track, &dry, 0)), &judged);
             }
         }
