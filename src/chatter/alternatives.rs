@@ -5,7 +5,7 @@
 //! W - E; two of them compare as (n - 1) ln((W - E2)/(W - E1)).
 
 use super::Reason;
-use super::criteria::{CRITERIA, RATES_1_S, WINDOWS};
+use super::criteria::{CRITERIA, LONGEST, RATES_1_S, WINDOWS};
 use super::fourier::POINTS;
 use super::near::Near;
 use super::window::{Context, Detection, Knowledge, Tools, Window, fit_two, fits, loudness_nats};
@@ -73,10 +73,11 @@ impl Window<'_> {
         values * (self.miss(other) / self.miss(self.line.contrast)).ln()
     }
 
-    /// Whether noise through a mode is an alternative: where it is known, the longest window alone tells.
+    /// Whether noise through a mode is an alternative: where it is known, the longest window alone tells,
+    /// once it holds nothing but this cut.
     fn asks_mode(&self) -> bool {
         let unheard = self.context.is_young() || self.context.tools == Tools::Untold;
-        unheard || self.which + 1 == WINDOWS.len()
+        unheard || self.context.seen < LONGEST || self.which + 1 == WINDOWS.len()
     }
 
     /// Against orders that changed: as templates of the window, and as learned; of a cut whose noise is not

@@ -1,12 +1,13 @@
 //! How a line began: chatter grows out of the noise, what is struck or switched on is there at once.
 //!
-//! Two hypotheses of one line, by all that is in sight of it: it grew until some moment and stands since, or
-//! it was switched on within some milliseconds and stands or fades since. The whitening filter leaves more of
-//! a beginning than of what follows, where it knows noise at the place of the line.
+//! Two hypotheses of one line, by all that is in sight of it: it grows still, or grew until some moment and
+//! stands since at a size at which chatter stands; or it was switched on within some milliseconds and stands
+//! or fades since. The whitening filter leaves more of a beginning than of what follows, where it knows noise
+//! at the place of the line.
 
 use super::Reason;
 use super::criteria::{CRITERIA, LONGEST, MEMORY, PAST, RATES_1_S, RISES, WINDOWS};
-use super::window::{Context, Detection, Window, loudness_nats};
+use super::window::{Context, Detection, Window, loudness_nats, stands_nats};
 use nalgebra::Complex;
 use std::f64::consts::TAU;
 
@@ -19,7 +20,7 @@ impl Window<'_> {
         let Context { rate_hz, stable_n2, .. } = *self.context;
         let quarter_hz = 0.25 * rate_hz / self.e.len() as f64;
         let regenerated = self.context.regenerated_nats(self.line.offset_hz, quarter_hz);
-        let grown = self.growth_nats() + loudness_nats(found.power_n2, stable_n2) + regenerated;
+        let grown = self.growth_nats() + loudness_nats(self.line.power_n2, stable_n2) + regenerated;
         if grown > -self.context.beginning_nats()
             && !self.context.is_young()
             && self.seen >= self.e.len() + WINDOWS[0]
@@ -36,24 +37,26 @@ impl Window<'_> {
     fn growth_nats(&self) -> f64 {
         let Context { whitener, rate_hz, .. } = self.context;
         let switched = |line: &[C], turns: f64| switched_on(line, &whitener.at(turns), *rate_hz);
-        self.more_than(self.history.white(self.seen), switched)
+        let stands_nats = stands_nats(self.line.power_n2, self.context.stable_n2);
+        self.more_than(self.history.white(self.seen), stands_nats, switched)
     }
 
     /// The same against one that moved here.
     fn stayed(&self) -> f64 {
         let values = self.history.white(self.seen.min(self.e.len() + PAST));
         let moved = self.sweep(values);
-        self.more_than(values, |_, _| moved)
+        self.more_than(values, 0.0, |_, _| moved)
     }
 
-    /// Evidence, nats, that the line grew, by these values, against what explains the energy of `other`.
-    fn more_than(&self, values: &[C], other: impl Fn(&[C], f64) -> f64) -> f64 {
+    /// Evidence, nats, that the line grew, by these values, against what explains the energy of `other`;
+    /// `stands_nats` where it grows no more.
+    fn more_than(&self, values: &[C], stands_nats: f64, other: impl Fn(&[C], f64) -> f64) -> f64 {
         let n = values.len();
         let rate_hz = self.context.rate_hz;
         let mut line = [C::ZERO; LONGEST + PAST];
         let line = &mut line[..n];
         let [mut all, mut not] = [0.0; 2];
-        let mut grown = [0.0; RATES_1_S.len()];
+        let mut grown = rates_1_s().map(|_| Growth::default());
         for k in -2..=2 {
             let turns = self.turns() + f64::from(k) * 0.25 / self.e.len() as f64;
             for (q, (to, from)) in line.iter_mut().zip(values.iter().rev()).enumerate() {
@@ -63,12 +66,14 @@ impl Window<'_> {
             }
             all = line.iter().map(C::norm_sqr).sum();
             not = other(line, turns).max(not);
-            for (most, growth_1_s) in grown.iter_mut().zip(RATES_1_S) {
-                *most = growing(line, growth_1_s / rate_hz).max(*most);
+            for (most, growth_1_s) in grown.iter_mut().zip(rates_1_s()) {
+                let Growth { lasts, ended } = growing(line, growth_1_s / rate_hz);
+                *most = Growth { lasts: lasts.max(most.lasts), ended: ended.max(most.ended) };
             }
         }
         let left = |energy: f64| (all - energy).max(1e-12 * all);
-        let nats = grown.map(|energy| (n as f64 - 1.0) * (left(not) / left(energy)).ln());
+        let of = |energy: f64| (n as f64 - 1.0) * (left(not) / left(energy)).ln();
+        let nats = grown.map(|Growth { lasts, ended }| of(lasts).max(of(ended) + stands_nats));
         let [slower @ .., fastest] = nats;
         slower.into_iter().fold(fastest - CRITERIA.fastest_nats, f64::max)
     }
@@ -127,23 +132,37 @@ fn at_any_time(line: &[C], matched: &[C], head: &[C], (rise, fade): (usize, f64)
     best.max(always.norm_sqr() / all)
 }
 
-/// The same of one that grew until some moment, at so much a value, and stands since. What grows slowly
-/// leaves the filter as what stands does.
-fn growing(line: &[C], growth: f64) -> f64 {
-    let mut best: f64 = 0.0;
+/// Rates at which a line may grow: from a quarter of the slowest that is told from one that fades, which in
+/// all that is in sight becomes four times as large, each twice the one before.
+fn rates_1_s() -> [f64; RATES_1_S.len() + 2] {
+    std::array::from_fn(|k| 0.25 * RATES_1_S[0] * f64::from(1 << k))
+}
+
+/// Energies of a line that grows.
+#[derive(Debug, Clone, Copy, Default)]
+struct Growth {
+    /// Until now.
+    lasts: f64,
+    /// Until the best moment before; it stands since.
+    ended: f64,
+}
+
+/// The same of one that grew, at so much a value. What grows slowly leaves the filter as what stands does.
+fn growing(line: &[C], growth: f64) -> Growth {
+    let mut ended: f64 = 0.0;
     let back = (-growth).exp();
     let mut stood: C = line.iter().sum();
     let (mut grown, mut energy) = (C::ZERO, 0.0);
     for (q, x) in line.iter().enumerate().rev() {
         // What is older than this value grew, up to the size at which it stands from here on.
         if q < line.len() - line.len() / 4 {
-            best = best.max((stood + grown * back).norm_sqr() / ((q + 1) as f64 + energy * back * back));
+            ended = ended.max((stood + grown * back).norm_sqr() / ((q + 1) as f64 + energy * back * back));
         }
         stood -= x;
         grown = grown * back + x;
         energy = energy * back * back + 1.0;
     }
-    best.max(grown.norm_sqr() / energy)
+    Growth { lasts: grown.norm_sqr() / energy, ended }
 }
 
 #[cfg(test)]
@@ -152,7 +171,8 @@ mod tests {
 
     /// Energy of the best growth.
     fn grown(line: &[C]) -> f64 {
-        RATES_1_S.into_iter().map(|growth_1_s| growing(line, growth_1_s / 500.0)).fold(0.0, f64::max)
+        let of = |growth_1_s| growing(line, growth_1_s / 500.0);
+        rates_1_s().map(of).into_iter().map(|of| of.lasts.max(of.ended)).fold(0.0, f64::max)
     }
 
     #[test]
@@ -170,6 +190,9 @@ mod tests {
         // Between two of the rates.
         let (at, growth_nats) = of(&|ago_s| (-15.0 * (ago_s - 0.1).max(0.0)).exp());
         assert!(growth_nats > 0.995 && at < 0.95, "{at} {growth_nats}");
+        // So slowly that it has only just left the noise.
+        let (at, growth_nats) = of(&|ago_s| (-4.0 * ago_s).exp());
+        assert!(growth_nats > 0.99 && at < 0.95, "{at} {growth_nats}");
         let (at, growth_nats) = of(&|ago_s| if ago_s < 0.1 { 1.0 } else { 0.0 });
         assert!(at > 0.999 && growth_nats < 0.98, "{at} {growth_nats}");
         let (at, growth_nats) = of(&|ago_s| ((0.1 - ago_s) / 0.006).clamp(0.0, 1.0));

@@ -58,7 +58,7 @@ pub(super) struct Criteria {
     /// Widest cut over the narrowest that chatters.
     pub(super) widest: f64,
     /// Evidence that a line may have against it whose beginning nobody saw well: chatter begins three times
-    /// as often as a tone.
+    /// as often as a tone, where it is not small for chatter that stands.
     pub(super) unseen_nats: f64,
     /// Against the fastest of the rates of growth, which is nearly that of a tone: of ten beginnings of
     /// chatter one is as fast.

@@ -363,7 +363,7 @@ impl ChatterMonitor {
         }
         let contrast = best.contrast;
         // A tool that only pushes makes no line that is larger than what it pushes with.
-        let amplitude_n = (2.0 * state.latest.power_n2).sqrt();
+        let amplitude_n = (2.0 * state.latest.power_n2.max(best.power_n2)).sqrt();
         let too_large = amplitude_n > CRITERIA.most_share * state.level.reached_n();
         if self.settings.mean == MeanForce::Whole && too_large && !state.decision.alarm {
             evidence = [0.0; 4];

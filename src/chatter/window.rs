@@ -149,6 +149,14 @@ pub(super) fn loudness_nats(power_n2: f64, stable_n2: f64) -> f64 {
     shape * (1.0 + power_n2 / (shape * stable_n2)).ln()
 }
 
+/// Evidence, nats, that a line of `power_n2` that grows no more is chatter. Chatter stands where the tool
+/// leaves the cut in each cycle: at the size of the mean force, above the noise of a stable cut. It stands at
+/// less as seldom as its power is less, until tones are as frequent.
+pub(super) fn stands_nats(power_n2: f64, stable_n2: f64) -> f64 {
+    let share = if stable_n2.is_finite() { power_n2 / stable_n2 } else { 1.0 };
+    share.ln().clamp(-CRITERIA.unseen_nats, 0.0)
+}
+
 impl Detection {
     /// No more evidence than this, for that reason.
     pub(super) fn least(&mut self, evidence: f64, reason: Reason) {
@@ -207,6 +215,22 @@ pub(super) fn fit_two(e: &[C], pair: impl Fn(usize) -> [C; 2]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_stands_is_chatter_the_more_seldom_the_smaller_it_is() {
+        let most_nats = -CRITERIA.unseen_nats;
+        for (power_n2, stable_n2, nats) in [
+            (9.0, 3.0, 0.0),
+            (3.0, 3.0, 0.0),
+            (1.5, 3.0, 0.5f64.ln()),
+            (1e-9, 3.0, most_nats),
+            (0.0, 3.0, most_nats),
+        ] {
+            assert!((stands_nats(power_n2, stable_n2) - nats).abs() < 1e-12, "{power_n2}");
+        }
+        // Where nothing is known of the force nothing is known of the size.
+        assert_eq!(stands_nats(1e-9, f64::INFINITY), 0.0);
+    }
 
     #[test]
     fn energies_are_those_of_the_sums() {
