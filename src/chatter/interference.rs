@@ -1,5 +1,5 @@
 //! How the lines that are heard began, as it was seen best: while the beginning is in sight each look judges
-//! anew; after that the judgement stands until the line is silent for a while or of another size.
+//! anew; after that the judgement stands until the line is silent for a while or has grown.
 
 use super::Reason;
 use super::criteria::{CRITERIA, LONGEST, PAST, SAME_LINE_HZ, WINDOWS};
@@ -42,11 +42,8 @@ impl Heard {
         // What tells is no more doubtful for a look that tells nothing.
         let in_sight = !self.stands() && which >= self.which && !self.moved;
         let anew = |nats: f64| in_sight && (tells(nats) || !tells(self.grown_nats));
-        let larger = power_n2 > CRITERIA.louder * self.power_n2;
-        // Chatter that stands does not become small.
-        let smaller = self.grown_nats > 0.0 && power_n2 * CRITERIA.louder < self.power_n2;
         match grown_nats {
-            Some(nats) if larger || (smaller && which >= self.which) => {
+            Some(nats) if power_n2 > CRITERIA.louder * self.power_n2 => {
                 *self = now(WINDOWS[which], power_n2, nats);
             }
             Some(nats) if anew(nats) => *self = now(self.age, power_n2.max(self.power_n2), nats),
@@ -202,23 +199,6 @@ mod tests {
             later(&mut lines, 100);
             assert_eq!(left(&mut lines, 0.0, 3, None) > 1.0, counts, "{grown_nats}");
         }
-    }
-
-    /// What is left after an alarm, a hundredth of the chatter, is judged by its own beginning.
-    #[test]
-    fn chatter_does_not_become_small() {
-        let mut lines = Interference::default();
-        let mut heard = |power_n2: f64, grown_nats: Option<f64>| {
-            let line = Detection { evidence: 2.0, over_noise: 2.0, power_n2, ..Detection::default() };
-            let mut heard = Detection { grown_nats, ..line };
-            lines.judge(&mut heard, 3, &context());
-            // Its beginning leaves sight; it is looked for still.
-            later(&mut lines, 245);
-            heard.evidence
-        };
-        assert!(heard(100.0, Some(9.0)) > 1.0);
-        assert!(heard(50.0, Some(-9.0)) > 1.0);
-        assert!(heard(1.0, Some(-9.0)) < CRITERIA.hold);
     }
 
     #[test]

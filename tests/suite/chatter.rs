@@ -494,7 +494,7 @@ fn the_frequency_is_that_of_now_while_the_speed_changes() {
 }
 
 /// Tones of 30 ms rise, which seem to grow, where two tools half a turn apart damp (63 half turns of the
-/// spindle) and where they feed: how many of 48 alarm in a recorded force beside which they are not small.
+/// spindle) and where they feed: how many alarm in a recorded force of 5 to 20 N.
 #[test]
 fn a_stated_pitch_tells_tones_where_none_is_reported() {
     let alarms = |line_hz: f64, stated_pitch_rad: Option<f64>, reported: Option<f64>| -> usize {

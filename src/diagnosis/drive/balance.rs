@@ -98,7 +98,6 @@ impl Balance {
     /// D what friction differs by, t' the rate of the thrust.
     pub(super) fn timing_deviation_s(&self, dry_n: f64) -> f64 {
         let wound_m = match (self.signals.layout, self.drive.axial_stiffness_n_m()) {
-            _ if self.signals.following.is_some() => 0.0,
             (Layout::OnePosition, k) if k > 0.0 => dry_n / k,
             _ => self.signals.wound_m,
         };
@@ -151,7 +150,8 @@ impl Balance {
         let parts = 0..TURNING.len();
         numbers.extend(parts.clone().filter(|_| of_motor).map(N::MotorTurning));
         numbers.extend(parts.map(N::StageTurning));
-        numbers.extend((self.signals.sides() == 1).then_some(N::StageTurning(TURNING.len())));
+        let more = usize::from(self.signals.sides() == 1) + usize::from(self.signals.following.is_some());
+        numbers.extend((TURNING.len()..TURNING.len() + more).map(N::StageTurning));
         numbers
     }
 

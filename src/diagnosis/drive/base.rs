@@ -81,7 +81,7 @@ fn number_bounds(balance: &Balance, now: &Standing, (number, accepted): (Number,
             let high = if balance.signals.layout == Layout::TwoPositions { 0.0 } else { high };
             [low, high].map(|s| s / balance.signals.rate_hz - now.timing_s)
         }
-        // No part is more than all of it.
+        // No part is more than all of it; together they are none where it is free (`Design::levels`).
         N::MotorTurning(_) => [0.0, now.mechanics.motor_coulomb_n],
         N::StageTurning(_) if accepted.iter().any(|a| a.hypothesis.facts().turns_friction) => [0.0, 0.0],
         N::StageTurning(_) => [0.0, now.mechanics.stage_coulomb_n],

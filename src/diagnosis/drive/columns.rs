@@ -218,20 +218,19 @@ impl<'a> Ground<'a> {
     }
 
     /// Unit dry friction of a side, thinned, or what one of its parts is more than the usual form: a part is
-    /// in place of it, and the level of friction is one number. Of one position it is that of the stage, and
-    /// a part that of the motor, where the screw between them is stated.
+    /// in place of it, and the level of friction is one number. Of one position it turns with the stage, and
+    /// the last part with the motor, where the stage follows by a stated screw.
     pub(super) fn dry(&self, track: &Track, side: usize, part: Option<usize>) -> Vec<f64> {
-        let has_following = self.signals.following.is_some();
-        let of = if has_following { 1 } else { side };
+        let of = if self.signals.following.is_some() { 1 } else { side };
         let (v, v_s) = (&track.sides[of].v_m_s, self.smoothing_m_s);
         let mut slides: Vec<f64> = v.iter().map(|v| sliding_direction(*v, v_s)).collect();
         if let Some(part) = part {
             let other: Vec<f64> = match TURNING.get(part) {
                 Some(form) => v.iter().map(|v| form(v / v_s)).collect(),
-                None if has_following => {
-                    track.sides[0].v_m_s.iter().map(|v| sliding_direction(*v, v_s)).collect()
+                None if part == TURNING.len() => {
+                    play(&track.sides[side].x_m, 0.0, self.signals.least_way_m(side))
                 }
-                None => play(&track.sides[side].x_m, 0.0, self.signals.yield_m(side)),
+                None => track.sides[side].v_m_s.iter().map(|v| sliding_direction(*v, v_s)).collect(),
             };
             slides.iter_mut().zip(other).for_each(|(s, o)| *s = o - *s);
         }

@@ -91,6 +91,11 @@ pub(super) fn ask(balance: &Balance, state: &State, h: &Hypothesis, chance: bool
         for (new, old) in (first..first + added).zip(places) {
             start[new] = std::mem::replace(&mut start[old], 0.0);
             design.bounds[old] = [0.0, 0.0];
+            // Its parts are of the new one.
+            design.levels.iter_mut().filter(|(level, _)| *level == old).for_each(|(level, _)| *level = new);
+            if design.bounds[new] == FREE {
+                design.bounds[new] = POSITIVE;
+            }
         }
     }
     if h.facts().turns_friction {

@@ -4,12 +4,13 @@
 //! M a_t = K (x_m - x_t) + C (v_m - v_t) - D v_t - F tanh(v_t / v_s)
 //! ```
 //! Friction of the stage turns when the stage turns: after a reversal of the motor the screw unwinds first,
-//! 2 F / K of the way, and then the stage swings. At the motor's speed that friction is early, and what it is
-//! wrong by at each reversal had been taken for a ripple, a bristle or a dead time.
+//! 2 F / K of the way, and then the stage swings. Taken at the motor's speed that friction is early at each
+//! reversal. Where the axis began is not known: the screw is taken as wound by what moves it then.
 
 use super::signals::Side;
 use crate::plant::drive::DriveParams;
 use crate::plant::effects::coulomb_friction::sliding_direction;
+use std::f64::consts::PI;
 
 /// Largest step, as a share of the time in which the stage swings by a radian.
 const STEP: f64 = 0.05;
@@ -25,8 +26,8 @@ pub(super) struct Following {
 
 impl Following {
     /// As stated. `None`: the model does not say what mass, spring, damper and dry friction are at the end of
-    /// the screw.
-    pub(super) fn stated(d: &DriveParams) -> Option<Self> {
+    /// the screw, or the stage swings faster than the samples can show.
+    pub(super) fn stated(d: &DriveParams, rate_hz: f64) -> Option<Self> {
         let of = [
             d.axial_stiffness_n_m(),
             d.structural_damping_n_s_m(),
@@ -35,13 +36,15 @@ impl Following {
         ];
         let [swing_rad2_s2, damper_1_s, drag_1_s, dry_m_s2] = of.map(|x| x / d.movable_mass_kg());
         let is_whole = [swing_rad2_s2, damper_1_s, dry_m_s2].iter().all(|x| x.is_finite() && *x > 0.0);
-        is_whole.then_some(Self { swing_rad2_s2, damper_1_s, drag_1_s, dry_m_s2 })
+        let is_shown = swing_rad2_s2.sqrt() < PI * rate_hz && drag_1_s.is_finite();
+        (is_whole && is_shown).then_some(Self { swing_rad2_s2, damper_1_s, drag_1_s, dry_m_s2 })
     }
 
     /// The stage behind a motor, at first as fast as that and wound as at a constant speed; friction turns
     /// over `smoothing_m_s`.
     ///
-    /// Friction and dampers are taken implicitly, for friction that turns is the stiffest of all.
+    /// Half a step of the way, the speed, half a step of the way; dampers and friction's slope of each step are
+    /// taken implicitly, for friction that turns is the stiffest of all.
     /// Checked by: tests.
     pub(super) fn behind(&self, motor: &Side, rate_hz: f64, smoothing_m_s: f64) -> Side {
         let steps = (self.swing_rad2_s2.sqrt() / (STEP * rate_hz)).ceil().max(1.0);
@@ -59,13 +62,14 @@ impl Following {
             for k in 0..steps as usize {
                 let share = (k as f64 + 0.5) / steps;
                 let (x_m, v_m) = (x0 + share * (x1 - x0), v0 + share * (v1 - v0));
+                x += 0.5 * h * v;
                 let slides = sliding_direction(v, smoothing_m_s);
                 let pull = self.swing_rad2_s2 * (x_m - x) + self.damper_1_s * (v_m - v)
                     - self.drag_1_s * v
                     - self.dry_m_s2 * slides;
                 let turning_1_s = self.dry_m_s2 / smoothing_m_s * (1.0 - slides * slides);
                 v += h * pull / (1.0 + h * (self.damper_1_s + self.drag_1_s + turning_1_s));
-                x += h * v;
+                x += 0.5 * h * v;
             }
         }
         out

@@ -34,7 +34,7 @@ pub(super) struct Design {
     pub(super) bounds: Vec<[f64; 2]>,
     /// Columns that are masses, by place in `columns`, with what the target holds of them already.
     pub(super) masses: Vec<(usize, f64)>,
-    /// Levels of dry friction, by place in `columns`, each with its parts, which together are no more than it.
+    /// Levels of dry friction, by place in `columns`, each with its parts, which are together no more than it.
     pub(super) levels: Vec<(usize, Vec<usize>)>,
     /// The axis as the coefficients make it.
     pub(super) dynamics: Dynamics,
@@ -203,7 +203,8 @@ impl Design {
             normal = reweighted(&left).unwrap_or(normal);
         }
         let mut held: Vec<bool> = held.iter().map(Option::is_some).collect();
-        for (level, parts) in &self.levels {
+        // The rest of a level is held where its parts are all of it.
+        for (level, parts) in self.levels.iter().filter(|level| is_free(level, &self.bounds)) {
             held[*level] &= parts.iter().all(|part| held[*part]);
         }
         Fit { beta, nats, held, information }
@@ -386,6 +387,12 @@ fn between_bounds(
     (next, held)
 }
 
+/// True for a level that may move, and is bounded below.
+fn is_free((level, _): &(usize, Vec<usize>), bounds: &[[f64; 2]]) -> bool {
+    let [low, high] = bounds[*level];
+    low < high && low.is_finite()
+}
+
 /// The same where parts of a level that is free are no more than it, `b_l >= sum b_k`: beside them the rest
 /// of the level, `b_l - sum b_k`, is what has a bound. It is held where the parts are all of the level.
 ///
@@ -395,11 +402,7 @@ fn within_levels(
     (bounds, levels): (&[[f64; 2]], &[(usize, Vec<usize>)]),
     at: &[Option<f64>],
 ) -> (Vec<f64>, Vec<Option<f64>>) {
-    let is_free = |(level, _): &&(usize, Vec<usize>)| {
-        let [low, high] = bounds[*level];
-        low < high && low.is_finite()
-    };
-    let levels: Vec<_> = levels.iter().filter(is_free).collect();
+    let levels: Vec<_> = levels.iter().filter(|level| is_free(level, bounds)).collect();
     let (mut a, mut pull, mut bounds) = (a.clone(), pull.clone(), bounds.to_vec());
     for (level, parts) in &levels {
         for part in parts {
@@ -524,7 +527,13 @@ mod tests {
             let a = m.transpose() * &m + DMatrix::identity(p, p) * 0.05;
             let pull = DVector::from_fn(p, |_, _| rng.random_range(-1.0..1.0));
             let bounds = [FREE, POSITIVE, [0.0, 0.3], [0.0, 0.3], FREE];
-            let (found, _) = within_levels((&a, &pull), (&bounds, &levels), &vec![None; p]);
+            let (found, held) = within_levels((&a, &pull), (&bounds, &levels), &vec![None; p]);
+            assert_eq!(within_levels((&a, &pull), (&bounds, &levels), &held).0, found);
+            // The same from where it stands, as a knockoff has it.
+            let shifted: Vec<_> = bounds.iter().zip(&found).map(|(b, x)| b.map(|b| b - x)).collect();
+            let beside = &pull - &a * DVector::from_column_slice(&found);
+            let (none, _) = within_levels((&a, &beside), (&shifted, &levels), &vec![None; p]);
+            assert!(none.iter().all(|x| x.abs() < 1e-8), "{none:?}");
             let is_allowed = |x: &[f64]| x[2] >= 0.0 && x[3] >= 0.0 && x[1] - x[2] - x[3] >= -1e-12;
             let form = |x: &[f64]| {
                 let x = DVector::from_column_slice(x);

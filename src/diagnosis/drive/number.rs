@@ -29,8 +29,9 @@ pub(in crate::diagnosis) enum Number {
     StageMass,
     StageDamping,
     StageCoulomb,
-    /// Parts of the dry friction of motor and stage that turn over one of [`TURNING`], or with one position
-    /// with the motor, the rest with the stage, or over a way (see [`super::columns::Ground::dry`]).
+    /// Parts of the dry friction of motor and stage that turn over one of [`TURNING`]; with one position the
+    /// next turns over the least way that the encoder tells, and the last with the motor where the stage
+    /// follows by a stated screw.
     MotorTurning(usize),
     StageTurning(usize),
     /// When a reference acts.

@@ -128,7 +128,7 @@ pub(super) fn contribution_of_number(
 ) -> Vec<Contribution> {
     let s: &Signals = &balance.signals;
     let value = state.now.mechanics.of(number) - stated_at_motor(balance, number);
-    let side = usize::from(number.is_of_stage() && s.sides() == 2);
+    let side = usize::from(number.is_of_stage() && (s.sides() == 2 || s.following.is_some()));
     let of =
         |v: &f64| value * if number.is_dry_friction() { (v / state.now.smoothing_m_s).tanh() } else { *v };
     s.tracks

@@ -192,7 +192,7 @@ impl Signals {
             smoothing_m_s: turning.smoothing_m_s,
             tracks: Vec::new(),
             wound_m: one_mass.map_or(0.0, |s| s.wound_m),
-            following: has_motor_alone.then(|| Following::stated(&axis.drive)).flatten(),
+            following: has_motor_alone.then(|| Following::stated(&axis.drive, rate_hz)).flatten(),
             noise_m2: positions.iter().map(of_one).collect(),
             kernels: [0, 1, 2].map(|derivative| low_pass(band_hz, derivative).after(&mean_of_laws)),
             of_velocity: turning.velocity_hz.map(|hz| low_pass(hz, 1)),
@@ -399,12 +399,6 @@ impl Signals {
         let [low, high] = self.travel_m();
         let turning_m = self.smoothing_m_s / self.band_hz;
         turning_m.max(4.0 * self.steps_m[side]).max(self.wound_m).min(0.1 * (high - low))
-    }
-
-    /// Way after which friction that turns over a way has turned, m: that which the spring gives under the
-    /// stage's friction, the least one where there is none.
-    pub(super) fn yield_m(&self, side: usize) -> f64 {
-        if self.wound_m > 0.0 { self.wound_m } else { self.least_way_m(side) }
     }
 
     /// Thinned grid in a recording.

@@ -22,9 +22,11 @@ impl Signals {
             let judged = track.judged();
             for (sum, turning) in sums.iter_mut().zip(turnings) {
                 let smoothing_m_s = turning.smoothing_m_s;
+                // A stage that follows remembers: at the ends its motor is where it was read.
                 let of = |derivative: u32| {
                     let kernel = self.low_pass(turning.velocity_hz[0], derivative, read.delay_s);
-                    let all = inside(&kernel, &local, vec![0.0; local.len()]);
+                    let ends = if derivative == 0 { local.clone() } else { vec![0.0; local.len()] };
+                    let all = inside(&kernel, &local, ends);
                     all[track.full_first..all.len() - track.full_first].to_vec()
                 };
                 let mut slides = Side { x_m: Vec::new(), v_m_s: of(1) };
