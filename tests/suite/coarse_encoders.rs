@@ -110,3 +110,22 @@ fn a_current_loop_that_is_stated_too_slow_is_a_wrong_number() {
     assert!((told.ci95[0]..told.ci95[1]).contains(&true_rad_s), "{told:?}, true {true_rad_s}");
     super::own_drive::assert_written(&d);
 }
+
+/// Of the motor's position alone: friction of the stage turns when the stage does, after the screw has unwound
+/// by 50 um. Taken at the motor's speed it hid a Stribeck bump.
+#[test]
+fn a_bump_of_friction_is_seen_behind_a_stated_screw() {
+    let soft = soft();
+    for effects in [vec![], vec!["stribeck_friction".to_owned()]] {
+        let spec = CaseSpec { effects: effects.clone(), seed: 6, ..CaseSpec::default() };
+        let mut case = conceal(&soft.axes[0], soft.sample_rate, &spec).unwrap();
+        for recording in &mut case.recordings {
+            recording.columns.retain(|c| c.name != "x_stage_position_m");
+        }
+        let d = diagnose(&case.model, &case.recordings, &|_, _| {}).unwrap();
+        assert_eq!(d.balances, ["axis"]);
+        let told: Vec<&str> = named(&d).into_iter().map(|(effect, _)| effect).collect();
+        assert_eq!(told, effects, "{:?}", d.notes);
+        assert!(d.unexplained.is_none() && d.parameter_corrections.is_empty(), "{:?}", d.notes);
+    }
+}

@@ -6,7 +6,7 @@ use super::columns::{Ground, TimeColumn};
 use super::dynamics::{Dynamics, Idle};
 use super::gram::{BandGram, Column, Gram, Part};
 use super::laws::{Hypothesis, Size};
-use super::likelihood::{Design, FREE, Fit, POSITIVE, Spread};
+use super::likelihood::{Design, DryFriction, FREE, Fit, POSITIVE, Spread};
 use super::number::Number;
 use super::rounding::QUARTERS;
 use super::signals::Layout;
@@ -81,7 +81,7 @@ fn number_bounds(balance: &Balance, now: &Standing, (number, accepted): (Number,
             let high = if balance.signals.layout == Layout::TwoPositions { 0.0 } else { high };
             [low, high].map(|s| s / balance.signals.rate_hz - now.timing_s)
         }
-        // No part is more than all of it; together they are none where it is free (`Design::levels`).
+        // No part is more than all of it; together they are none where it is free (`Design::dry`).
         N::MotorTurning(_) => [0.0, now.mechanics.motor_coulomb_n],
         N::StageTurning(_) if accepted.iter().any(|a| a.hypothesis.facts().turns_friction) => [0.0, 0.0],
         N::StageTurning(_) => [0.0, now.mechanics.stage_coulomb_n],
@@ -94,7 +94,7 @@ fn number_bounds(balance: &Balance, now: &Standing, (number, accepted): (Number,
 }
 
 /// Places of the levels of dry friction, each with those of the forms in which parts of it turn.
-fn levels_of(numbers: &[Number]) -> Vec<(usize, Vec<usize>)> {
+fn dry_of(numbers: &[Number]) -> Vec<DryFriction> {
     let places = |is: &dyn Fn(&Number) -> bool| -> Vec<usize> {
         numbers.iter().enumerate().filter(|(_, n)| is(n)).map(|(k, _)| k).collect()
     };
@@ -103,7 +103,7 @@ fn levels_of(numbers: &[Number]) -> Vec<(usize, Vec<usize>)> {
     let level = |of: Number| numbers.iter().position(|n| *n == of);
     [(level(N::MotorCoulomb), of_motor), (level(N::StageCoulomb), of_stage)]
         .into_iter()
-        .filter_map(|(level, parts)| Some((level?, parts)))
+        .filter_map(|(level, parts)| Some(DryFriction { level: level?, parts }))
         .collect()
 }
 
@@ -179,7 +179,7 @@ pub(super) fn base(balance: &Balance, (now, idle): (&Standing, Option<Idle>), ac
         target: 0,
         columns: Vec::new(),
         bounds: Vec::new(),
-        levels: levels_of(&numbers),
+        dry: dry_of(&numbers),
         dynamics: Dynamics::at(plan.points.clone()),
         masses: numbers
             .iter()

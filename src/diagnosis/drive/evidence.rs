@@ -92,7 +92,7 @@ pub(super) fn ask(balance: &Balance, state: &State, h: &Hypothesis, chance: bool
             start[new] = std::mem::replace(&mut start[old], 0.0);
             design.bounds[old] = [0.0, 0.0];
             // Its parts are of the new one.
-            design.levels.iter_mut().filter(|(level, _)| *level == old).for_each(|(level, _)| *level = new);
+            design.dry.iter_mut().filter(|dry| dry.level == old).for_each(|dry| dry.level = new);
             if design.bounds[new] == FREE {
                 design.bounds[new] = POSITIVE;
             }

@@ -10,10 +10,6 @@
 use super::signals::Side;
 use crate::plant::drive::DriveParams;
 use crate::plant::effects::coulomb_friction::sliding_direction;
-use std::f64::consts::PI;
-
-/// Largest step, as a share of the time in which the stage swings by a radian.
-const STEP: f64 = 0.05;
 
 /// A stage on its screw, by unit mass.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,7 +22,7 @@ pub(super) struct Following {
 
 impl Following {
     /// As stated. `None`: the model does not say what mass, spring, damper and dry friction are at the end of
-    /// the screw, or the stage swings faster than the samples can show.
+    /// the screw, or the stage swings by more than a radian from sample to sample.
     pub(super) fn stated(d: &DriveParams, rate_hz: f64) -> Option<Self> {
         let of = [
             d.axial_stiffness_n_m(),
@@ -36,41 +32,37 @@ impl Following {
         ];
         let [swing_rad2_s2, damper_1_s, drag_1_s, dry_m_s2] = of.map(|x| x / d.movable_mass_kg());
         let is_whole = [swing_rad2_s2, damper_1_s, dry_m_s2].iter().all(|x| x.is_finite() && *x > 0.0);
-        let is_shown = swing_rad2_s2.sqrt() < PI * rate_hz && drag_1_s.is_finite();
+        let is_shown = swing_rad2_s2.sqrt() < rate_hz && drag_1_s.is_finite();
         (is_whole && is_shown).then_some(Self { swing_rad2_s2, damper_1_s, drag_1_s, dry_m_s2 })
     }
 
     /// The stage behind a motor, at first as fast as that and wound as at a constant speed; friction turns
     /// over `smoothing_m_s`.
     ///
-    /// Half a step of the way, the speed, half a step of the way; dampers and friction's slope of each step are
-    /// taken implicitly, for friction that turns is the stiffest of all.
+    /// In a sample half of the way, the speed, the other half; dampers, and friction by its slope, are taken
+    /// implicitly, for friction that turns is the stiffest of all.
     /// Checked by: tests.
     pub(super) fn behind(&self, motor: &Side, rate_hz: f64, smoothing_m_s: f64) -> Side {
-        let steps = (self.swing_rad2_s2.sqrt() / (STEP * rate_hz)).ceil().max(1.0);
-        let h = 1.0 / (steps * rate_hz);
+        let h = 1.0 / rate_hz;
         let pairs = motor.x_m.iter().zip(&motor.v_m_s);
         let (mut x, mut v) = pairs.clone().next().map_or((0.0, 0.0), |(x, v)| {
             let pull = self.drag_1_s * v + self.dry_m_s2 * sliding_direction(*v, smoothing_m_s);
             (x - pull / self.swing_rad2_s2, *v)
         });
         let mut out = Side::default();
-        let next = pairs.clone().skip(1).chain(pairs.clone().last());
+        let next = pairs.clone().skip(1).chain(pairs.clone().next_back());
         for ((x0, v0), (x1, v1)) in pairs.zip(next) {
             out.x_m.push(x);
             out.v_m_s.push(v);
-            for k in 0..steps as usize {
-                let share = (k as f64 + 0.5) / steps;
-                let (x_m, v_m) = (x0 + share * (x1 - x0), v0 + share * (v1 - v0));
-                x += 0.5 * h * v;
-                let slides = sliding_direction(v, smoothing_m_s);
-                let pull = self.swing_rad2_s2 * (x_m - x) + self.damper_1_s * (v_m - v)
-                    - self.drag_1_s * v
-                    - self.dry_m_s2 * slides;
-                let turning_1_s = self.dry_m_s2 / smoothing_m_s * (1.0 - slides * slides);
-                v += h * pull / (1.0 + h * (self.damper_1_s + self.drag_1_s + turning_1_s));
-                x += 0.5 * h * v;
-            }
+            let (x_m, v_m) = (0.5 * (x0 + x1), 0.5 * (v0 + v1));
+            x += 0.5 * h * v;
+            let slides = sliding_direction(v, smoothing_m_s);
+            let pull = self.swing_rad2_s2 * (x_m - x) + self.damper_1_s * (v_m - v)
+                - self.drag_1_s * v
+                - self.dry_m_s2 * slides;
+            let turning_1_s = self.dry_m_s2 / smoothing_m_s * (1.0 - slides * slides);
+            v += h * pull / (1.0 + h * (self.damper_1_s + self.drag_1_s + turning_1_s));
+            x += 0.5 * h * v;
         }
         out
     }

@@ -34,12 +34,28 @@ pub(super) struct Design {
     pub(super) bounds: Vec<[f64; 2]>,
     /// Columns that are masses, by place in `columns`, with what the target holds of them already.
     pub(super) masses: Vec<(usize, f64)>,
-    /// Levels of dry friction, by place in `columns`, each with its parts, which are together no more than it.
-    pub(super) levels: Vec<(usize, Vec<usize>)>,
+    /// Dry friction of motor and stage.
+    pub(super) dry: Vec<DryFriction>,
     /// The axis as the coefficients make it.
     pub(super) dynamics: Dynamics,
     /// 1 or 2.
     pub(super) sides: usize,
+}
+
+/// A dry friction, by places in [`Design::columns`].
+#[derive(Debug, Clone)]
+pub(super) struct DryFriction {
+    pub(super) level: usize,
+    /// Forms in which parts of it turn: together no more than the level.
+    pub(super) parts: Vec<usize>,
+}
+
+impl DryFriction {
+    /// True where the level may move, and is bounded below.
+    fn is_free(&self, bounds: &[[f64; 2]]) -> bool {
+        let [low, high] = bounds[self.level];
+        low < high && low.is_finite()
+    }
 }
 
 /// A coefficient without bounds.
@@ -204,8 +220,8 @@ impl Design {
         }
         let mut held: Vec<bool> = held.iter().map(Option::is_some).collect();
         // The rest of a level is held where its parts are all of it.
-        for (level, parts) in self.levels.iter().filter(|level| is_free(level, &self.bounds)) {
-            held[*level] &= parts.iter().all(|part| held[*part]);
+        for dry in self.dry.iter().filter(|dry| dry.is_free(&self.bounds)) {
+            held[dry.level] &= dry.parts.iter().all(|part| held[*part]);
         }
         Fit { beta, nats, held, information }
     }
@@ -309,7 +325,7 @@ impl Design {
             curved[(*k, *k)] += c;
             pull[*k] += total / m + c * beta[*k];
         }
-        let (mut next, held) = within_levels((&curved, &pull), (&self.bounds, &self.levels), at);
+        let (mut next, held) = within_levels((&curved, &pull), (&self.bounds, &self.dry), at);
         for (k, held) in &self.masses {
             let m = (held + beta[*k]).max(1e-12);
             next[*k] = (held + next[*k]).clamp(MASS_STEP * m, m / MASS_STEP) - held;
@@ -387,24 +403,18 @@ fn between_bounds(
     (next, held)
 }
 
-/// True for a level that may move, and is bounded below.
-fn is_free((level, _): &(usize, Vec<usize>), bounds: &[[f64; 2]]) -> bool {
-    let [low, high] = bounds[*level];
-    low < high && low.is_finite()
-}
-
 /// The same where parts of a level that is free are no more than it, `b_l >= sum b_k`: beside them the rest
 /// of the level, `b_l - sum b_k`, is what has a bound. It is held where the parts are all of the level.
 ///
 /// Checked by: tests::parts_of_a_level_are_no_more_than_it.
 fn within_levels(
     (a, pull): (&DMatrix<f64>, &DVector<f64>),
-    (bounds, levels): (&[[f64; 2]], &[(usize, Vec<usize>)]),
+    (bounds, dry): (&[[f64; 2]], &[DryFriction]),
     at: &[Option<f64>],
 ) -> (Vec<f64>, Vec<Option<f64>>) {
-    let levels: Vec<_> = levels.iter().filter(|level| is_free(level, bounds)).collect();
+    let dry: Vec<&DryFriction> = dry.iter().filter(|dry| dry.is_free(bounds)).collect();
     let (mut a, mut pull, mut bounds) = (a.clone(), pull.clone(), bounds.to_vec());
-    for (level, parts) in &levels {
+    for DryFriction { level, parts } in &dry {
         for part in parts {
             let column = a.column(*level).into_owned();
             a.column_mut(*part).add_assign(&column);
@@ -418,7 +428,7 @@ fn within_levels(
         }
     }
     let (mut next, held) = between_bounds((&a, &pull), &bounds, at);
-    for (level, parts) in levels {
+    for DryFriction { level, parts } in dry {
         next[*level] += parts.iter().map(|part| next[*part]).sum::<f64>();
     }
     (next, held)
@@ -520,7 +530,7 @@ mod tests {
     #[test]
     fn parts_of_a_level_are_no_more_than_it() {
         let mut rng = ChaCha8Rng::seed_from_u64(5);
-        let levels = [(1, vec![2, 3])];
+        let levels = [DryFriction { level: 1, parts: vec![2, 3] }];
         for _ in 0..200 {
             let p = 5;
             let m = DMatrix::from_fn(p + 2, p, |_, _| rng.random_range(-1.0..1.0));
