@@ -57,7 +57,7 @@ pub(super) fn is_other_than_zero(
 }
 
 /// True where a law is not told from nothing, or is none with what was fitted.
-fn is_untold(balance: &Balance, (state, law): (&State, &Accepted), d: &Deviations) -> bool {
+fn is_untold(balance: &Balance, state: &State, law: &Accepted, d: &Deviations) -> bool {
     !is_other_than_zero(balance, (state, law), d)
         || law.hypothesis.law().is_void(&state.ground(balance), &law.amplitudes)
 }
@@ -74,7 +74,7 @@ fn determined(balance: &Balance, mut state: State) -> (State, Doubt) {
             let told = if a.hypothesis.facts().trades { 1 } else { d.constants.len() };
             let vague = d.constants.iter().take(told).any(|c| *c > Criteria::STANDARD.undetermined)
                 || a.hypothesis.is_at_bound()
-                || is_untold(balance, (&state, a), d);
+                || is_untold(balance, &state, a, d);
             if let Some(limit) = a.hypothesis.law().limit(&balance.signals).filter(|_| vague) {
                 return Some(state.with_form(balance, k, limit));
             }
@@ -192,7 +192,7 @@ impl Case<'_> {
             let level = self.level(&all);
             let written = as_written(balance, (&all, doubt), level);
             let is_gone = |(a, d): (&Accepted, &Deviations)| {
-                a.given.is_none() && is_untold(balance, (&written.state, a), d)
+                a.given.is_none() && is_untold(balance, &written.state, a, d)
             };
             match written.state.accepted.iter().zip(&written.doubt.laws).position(is_gone) {
                 Some(k) => state = rebuilt(balance, without(balance, &all, Named::Law(k))),

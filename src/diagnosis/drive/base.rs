@@ -95,16 +95,12 @@ fn number_bounds(balance: &Balance, now: &Standing, (number, accepted): (Number,
 
 /// Places of the levels of dry friction, each with those of the forms in which parts of it turn.
 fn dry_of(numbers: &[Number]) -> Vec<DryFriction> {
-    let places = |is: &dyn Fn(&Number) -> bool| -> Vec<usize> {
-        numbers.iter().enumerate().filter(|(_, n)| is(n)).map(|(k, _)| k).collect()
+    let of = |level: Number| {
+        let is_part = |n: &Number| n.part().is_some() && n.is_of_stage() == level.is_of_stage();
+        let parts = numbers.iter().enumerate().filter(|(_, n)| is_part(n)).map(|(k, _)| k).collect();
+        Some(DryFriction { level: numbers.iter().position(|n| *n == level)?, parts })
     };
-    let of_motor = places(&|n| matches!(n, N::MotorTurning(_)));
-    let of_stage = places(&|n| matches!(n, N::StageTurning(_)));
-    let level = |of: Number| numbers.iter().position(|n| *n == of);
-    [(level(N::MotorCoulomb), of_motor), (level(N::StageCoulomb), of_stage)]
-        .into_iter()
-        .filter_map(|(level, parts)| Some(DryFriction { level: level?, parts }))
-        .collect()
+    [N::MotorCoulomb, N::StageCoulomb].into_iter().filter_map(of).collect()
 }
 
 /// Columns of laws, where a fit of them begins and within what.

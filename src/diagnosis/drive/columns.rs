@@ -172,8 +172,8 @@ impl<'a> Ground<'a> {
     pub(super) fn stated(&self, law: &ForceLaw, port: Port) -> TimeColumn {
         let side = self.side(port);
         let of = |track: &Track| {
-            let s = &track.sides[self.moves_as(port)];
-            let force = s.x_m.iter().zip(&s.v_m_s).map(|(x, v)| law.force_n(*x, *v, self.smoothing_m_s));
+            let at = self.at(port, track);
+            let force = at.x_m.iter().zip(at.v_m_s).map(|(x, v)| law.force_n(*x, *v, self.smoothing_m_s));
             self.signals.filtered(track, &force.collect::<Vec<f64>>(), 0)
         };
         TimeColumn::at(side, self.signals.each(of))
@@ -197,7 +197,8 @@ impl<'a> Ground<'a> {
 
     /// The same with the stage of one position where the screw moves it.
     fn moves_as(&self, port: Port) -> usize {
-        if port == Port::Stage && self.signals.following.is_some() { 1 } else { self.side(port) }
+        let side = self.side(port);
+        if port == Port::Stage { self.signals.moved_side(side) } else { side }
     }
 
     /// Mean stiffness of each law of the stretch over all recordings, N/m.
@@ -221,8 +222,7 @@ impl<'a> Ground<'a> {
     /// in place of it, and the level of friction is one number. Of one position it turns with the stage, and
     /// the last part with the motor, where the stage follows by a stated screw.
     pub(super) fn dry(&self, track: &Track, side: usize, part: Option<usize>) -> Vec<f64> {
-        let of = if self.signals.following.is_some() { 1 } else { side };
-        let (v, v_s) = (&track.sides[of].v_m_s, self.smoothing_m_s);
+        let (v, v_s) = (&track.sides[self.signals.moved_side(side)].v_m_s, self.smoothing_m_s);
         let mut slides: Vec<f64> = v.iter().map(|v| sliding_direction(*v, v_s)).collect();
         if let Some(part) = part {
             let other: Vec<f64> = match TURNING.get(part) {

@@ -7,7 +7,7 @@
 //! 2 F / K of the way, and then the stage swings. Taken at the motor's speed that friction is early at each
 //! reversal. Where the axis began is not known: the screw is taken as wound by what moves it then.
 
-use super::signals::Side;
+use super::reads::Side;
 use crate::plant::drive::DriveParams;
 use crate::plant::effects::coulomb_friction::sliding_direction;
 

@@ -15,7 +15,6 @@ use crate::diagnosis::criteria::{Criteria, Z95};
 use crate::signal::inner_products::dot;
 use nalgebra::{DMatrix, DVector};
 use statrs::distribution::{ContinuousCDF, StudentsT};
-use std::ops::AddAssign;
 
 /// Iterations of the reweighted fit at most.
 pub(super) const ITERATIONS: usize = 60;
@@ -205,7 +204,7 @@ impl Design {
         let mut information = DMatrix::zeros(beta.len(), beta.len());
         let mut normal = self.normal(bands, weights);
         for _ in 0..ITERATIONS {
-            let (next, bound, curved) = self.step(bands, (&normal.0, &normal.1), (&beta, &held));
+            let (next, bound, curved) = self.step(bands, (&normal.0, &normal.1), &beta, &held);
             let left = self.spreads(bands, &next);
             let now = self.nats_of(bands, &left, &next);
             if !now.is_finite() {
@@ -306,7 +305,8 @@ impl Design {
         &self,
         bands: &[BandGram],
         (a, b): (&DMatrix<f64>, &DVector<f64>),
-        (beta, at): (&[f64], &[Option<f64>]),
+        beta: &[f64],
+        at: &[Option<f64>],
     ) -> (Vec<f64>, Vec<Option<f64>>, DMatrix<f64>) {
         let p = self.columns.len();
         let total = values(bands);
@@ -416,10 +416,8 @@ fn within_levels(
     let (mut a, mut pull, mut bounds) = (a.clone(), pull.clone(), bounds.to_vec());
     for DryFriction { level, parts } in &dry {
         for part in parts {
-            let column = a.column(*level).into_owned();
-            a.column_mut(*part).add_assign(&column);
-            let row = a.row(*level).into_owned();
-            a.row_mut(*part).add_assign(&row);
+            (0..a.nrows()).for_each(|k| a[(k, *part)] += a[(k, *level)]);
+            (0..a.ncols()).for_each(|k| a[(*part, k)] += a[(*level, k)]);
             pull[*part] += pull[*level];
             bounds[*level][0] -= bounds[*part][0];
             if bounds[*part][0] < bounds[*part][1] {

@@ -23,6 +23,14 @@ pub(in crate::diagnosis) enum Layout {
     Locked,
 }
 
+/// Position and speed of one side at the full rate.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Side {
+    pub(super) x_m: Vec<f64>,
+    /// For laws that are not linear: in a band that the encoder's steps leave clean.
+    pub(super) v_m_s: Vec<f64>,
+}
+
 /// A position that a balance is made of, when it was read, and the mass that its noise goes through.
 pub(super) struct Read {
     pub(super) x_m: Vec<f64>,

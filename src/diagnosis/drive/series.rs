@@ -7,6 +7,7 @@ use super::state::Accepted;
 use super::state::{Balance, Number, State};
 use crate::diagnosis::result::Contribution;
 use crate::plant::effects::Port;
+use crate::plant::effects::coulomb_friction::sliding_direction;
 use crate::sample::Recording;
 
 /// What is left: per recording, per balance.
@@ -128,9 +129,10 @@ pub(super) fn contribution_of_number(
 ) -> Vec<Contribution> {
     let s: &Signals = &balance.signals;
     let value = state.now.mechanics.of(number) - stated_at_motor(balance, number);
-    let side = usize::from(number.is_of_stage() && (s.sides() == 2 || s.following.is_some()));
-    let of =
-        |v: &f64| value * if number.is_dry_friction() { (v / state.now.smoothing_m_s).tanh() } else { *v };
+    let balance_side = usize::from(number.is_of_stage() && s.sides() == 2);
+    let is_dry = number.is_dry_friction();
+    let side = if is_dry { s.moved_side(balance_side) } else { balance_side };
+    let of = |v: &f64| value * if is_dry { sliding_direction(*v, state.now.smoothing_m_s) } else { *v };
     s.tracks
         .iter()
         .enumerate()

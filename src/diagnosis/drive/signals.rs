@@ -4,7 +4,7 @@
 use super::following::Following;
 use super::one_mass::THINNED_PER_BAND;
 pub(in crate::diagnosis) use super::reads::Layout;
-use super::reads::{KERNELS, Read, band_hz, clean_band_hz, positions, stage_behind, stage_is_finer};
+use super::reads::{KERNELS, Read, Side, band_hz, clean_band_hz, positions, stage_behind, stage_is_finer};
 use super::recorded::{Thrust, has_both_positions, is_locked, motor_position, position, position_at, thrust};
 use super::spectra::{SHORTEST_BLOCK, Series};
 use super::standstill::standstill;
@@ -24,14 +24,6 @@ use std::f64::consts::TAU;
 
 /// Part of a recording that a slow thrust filter may take at either end.
 const PATH_PARTS: usize = 12;
-
-/// Position and speed of one side at the full rate.
-#[derive(Debug, Clone, Default)]
-pub(super) struct Side {
-    pub(super) x_m: Vec<f64>,
-    /// For laws that are not linear: in a band that the encoder's steps leave clean.
-    pub(super) v_m_s: Vec<f64>,
-}
 
 /// One recording of one axis.
 #[derive(Debug, Clone)]
@@ -386,6 +378,12 @@ impl Signals {
     /// Names of the balances.
     pub(super) fn sides_named(&self) -> &'static [&'static str] {
         if self.sides() == 2 { &["motor", "stage"] } else { &["axis"] }
+    }
+
+    /// The side whose motion forces at the stage's side of a balance go with: of one position that of the
+    /// stage, where it follows.
+    pub(super) fn moved_side(&self, balance: usize) -> usize {
+        self.following.map_or(balance, |_| 1)
     }
 
     /// The side of the stage, of the axis where there is one position.

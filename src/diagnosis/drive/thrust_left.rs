@@ -1,8 +1,8 @@
 //! What a rigid mass with friction leaves of a thrust, for ways in which friction may turn.
 
 use super::one_mass::coefficients;
-use super::reads::Read;
-use super::signals::{Path, Side, Signals, Track, inside};
+use super::reads::{Read, Side};
+use super::signals::{Path, Signals, Track, inside};
 use super::turning::Turning;
 use crate::plant::effects::coulomb_friction::sliding_direction;
 use nalgebra::{SMatrix, SVector};
