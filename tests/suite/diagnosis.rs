@@ -315,7 +315,7 @@ fn a_line_is_no_fault_before_every_law_was_asked() {
     let (machine, sweep) = read(&folder, "sweep.parquet");
     let recordings: Vec<Recording> =
         ["idle.parquet", "moves.parquet"].into_iter().map(|f| read(&folder, f).1).chain([sweep]).collect();
-    let d = within(4.0, &machine, &recordings);
+    let d = within(5.0, &machine, &recordings);
     assert!(d.force_faults.is_empty(), "{:?}", d.force_faults);
     let not_asked = d.notes.iter().find(|n| n.contains("Not asked")).unwrap();
     assert!(not_asked.contains("torque_ripple"), "{not_asked}");
@@ -429,6 +429,31 @@ fn an_axis_of_three_inertias_that_is_stated_as_such_lacks_nothing() {
     let c = told.parameter_corrections.iter().find(|c| c.name == "rotary_inertia_kg_m2").unwrap();
     assert!((c.nominal / (1.5 * motor) - 1.0).abs() < 1e-9 && (c.value / motor - 1.0).abs() < 0.05, "{c:?}");
     assert_written(&told);
+}
+
+/// Of a coupling softer than the band is wide: a search from three quarters of the band upwards had found no
+/// way to it, and left 34 N unexplained.
+#[test]
+fn a_torsional_mode_far_inside_the_band_is_named() {
+    let soft = restated(&super::conceal::model(), |raw| {
+        raw.axial_stiffness_n_m = Some(2.0e6);
+        raw.structural_damping_n_s_m = Some(100.0);
+    });
+    let spec = CaseSpec {
+        effects: vec!["torsional_mode".to_owned()],
+        depth: 6.0,
+        seed: 7_779_942_431_316,
+        ..CaseSpec::default()
+    };
+    let case = conceal(&soft.axes[0], soft.sample_rate, &spec).unwrap();
+    let true_hz = case.hidden[0].parameters[0].1;
+    let d = diagnose(&case.model, &case.recordings, &|_, _| {}).unwrap();
+    let [found] = &d.findings[..] else { panic!("{:?}", d.notes) };
+    assert_eq!(found.effect.name(), "torsional_mode");
+    let told = found.parameters.iter().find(|e| e.name == "free_free_frequency_hz").unwrap();
+    assert!((told.value / true_hz - 1.0).abs() < 0.005, "{told:?}, true {true_hz}");
+    assert_eq!(d.verdict, Verdict::MissingPhysics);
+    assert!(d.parameter_corrections.is_empty(), "{:?}", d.parameter_corrections);
 }
 
 #[test]

@@ -375,18 +375,10 @@ impl Best<'_> {
         }
     }
 
-    /// The best of several starts, the numbers moved beside each before it is judged.
+    /// The best of several starts.
     fn start(&mut self, work: &mut Work) {
         for shape in self.h.law().starts(self.balance) {
-            let next = self.h.by(shape);
-            let mut asked = None;
-            for _ in 0..3 {
-                let beside = asked.as_ref().map(|a: &Asked| self.state.with_numbers(&a.fit.beta));
-                asked = ask_within(self.balance, beside.as_ref().unwrap_or(&self.state), &next, work);
-            }
-            if let Some(asked) = asked.filter(|asked| asked.score > self.asked.score) {
-                (self.h, self.asked) = (next, asked);
-            }
+            self.take(self.h.by(shape), 0.0, work);
         }
     }
 

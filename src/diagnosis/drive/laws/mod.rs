@@ -153,7 +153,7 @@ pub(crate) trait Law {
         Vec::new()
     }
 
-    /// Where a refinement begins as well, the numbers moved beside each.
+    /// Where a refinement begins as well.
     fn starts(&self, _balance: &Balance) -> Vec<Shape> {
         Vec::new()
     }

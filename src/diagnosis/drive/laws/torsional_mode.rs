@@ -7,9 +7,8 @@ use std::f64::consts::{PI, TAU};
 
 pub(super) const EFFECT: Effect = Effect {
     candidates: |search| {
-        let factors = if search.two { &[0.75, 0.95, 1.2, 1.6, 2.2, 3.2, 4.5][..] } else { &[] };
-        let of = |factor: &f64| ThirdInertia::at(factor * search.signals.band_hz, SHARE.usual);
-        factors.iter().map(|factor| Hypothesis::new(Port::Coupling, of(factor))).collect()
+        let of = |hz| Hypothesis::new(Port::Coupling, ThirdInertia::at(hz, SHARE.usual));
+        frequencies_hz(search.balance).filter(|_| search.two).map(of).collect()
     },
     stated: |term, _| {
         let law = ThirdInertia {
@@ -22,6 +21,13 @@ pub(super) const EFFECT: Effect = Effect {
     },
     ..Effect::of(&SPECIFICATION)
 };
+
+/// Frequencies that are asked, in thirds of an octave.
+fn frequencies_hz(balance: &Balance) -> impl Iterator<Item = f64> {
+    let below_hz = 0.5 * balance.signals.rate_hz;
+    let of = |third: i32| FREQUENCY.bounds[0] * (f64::from(third) / 3.0).exp2();
+    (1..).map(of).take_while(move |hz| *hz < below_hz)
+}
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct ThirdInertia {
@@ -138,10 +144,9 @@ impl Law for ThirdInertia {
         }
     }
 
-    /// Frequency and share trade along a valley with two ends.
-    fn starts(&self, _: &Balance) -> Vec<Shape> {
-        let of =
-            |share| [0.85, 0.92, 1.0, 1.08].map(|factor| Self::at(factor * self.frequency_hz, share).into());
+    /// The amplitude on the grid made up for frequency and share, which trade along a valley with two ends.
+    fn starts(&self, balance: &Balance) -> Vec<Shape> {
+        let of = |share| frequencies_hz(balance).map(move |hz| Self::at(hz, share).into());
         [0.2, 0.35, SHARE.usual].into_iter().flat_map(of).collect()
     }
 }
