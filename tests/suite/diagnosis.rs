@@ -315,7 +315,7 @@ fn a_line_is_no_fault_before_every_law_was_asked() {
     let (machine, sweep) = read(&folder, "sweep.parquet");
     let recordings: Vec<Recording> =
         ["idle.parquet", "moves.parquet"].into_iter().map(|f| read(&folder, f).1).chain([sweep]).collect();
-    let d = within(5.0, &machine, &recordings);
+    let d = within(4.0, &machine, &recordings);
     assert!(d.force_faults.is_empty(), "{:?}", d.force_faults);
     let not_asked = d.notes.iter().find(|n| n.contains("Not asked")).unwrap();
     assert!(not_asked.contains("torque_ripple"), "{not_asked}");

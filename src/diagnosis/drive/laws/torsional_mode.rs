@@ -8,7 +8,8 @@ use std::f64::consts::{PI, TAU};
 pub(super) const EFFECT: Effect = Effect {
     candidates: |search| {
         let of = |hz| Hypothesis::new(Port::Coupling, ThirdInertia::at(hz, SHARE.usual));
-        frequencies_hz(search.balance).filter(|_| search.two).map(of).collect()
+        // An amplitude makes up for what an octave is off.
+        frequencies_hz(search.balance).step_by(3).filter(|_| search.two).map(of).collect()
     },
     stated: |term, _| {
         let law = ThirdInertia {
