@@ -65,8 +65,7 @@ impl Criteria {
     ///
     /// `known`: stated numbers are right to 15 to 20 % (stiffness), 30 % (damping), 2 % (frequency), a factor
     /// of 2 (process damping); random force of 2 to 5 % of the mean; noise in the cut is only loosely that in
-    /// air, because the random force above half the rate folds onto it; two tools that cut alike but for
-    /// their edges, each 4 %. `drift`: wear doubles the process
+    /// air, because the random force above half the rate folds onto it. `drift`: wear doubles the process
     /// damping in minutes; a bar warms by 30 K in ten minutes (0.6 % of its frequency); the mean force tells
     /// the stiffness but for 1 % a second.
     pub(super) const DEFAULT: Self = Self {
@@ -79,8 +78,8 @@ impl Criteria {
         linear_swing: 0.75,
         fall: 10.0,
         interference_odds: [0.01 / 0.99 / 13.8, 1.0 / 13.8],
-        drift: [0.01, 0.002, 0.0003, 0.03, 0.0, 0.0, 0.01, 0.05, 0.01, 0.0],
-        known: [0.14, 0.22, 0.0095, 0.42, 1e-4, 1e-4, 0.28, 1.5, 0.1, 0.06],
+        drift: [0.01, 0.002, 0.0003, 0.03, 0.0, 0.0, 0.01, 0.05, 0.01],
+        known: [0.14, 0.22, 0.0095, 0.42, 1e-4, 1e-4, 0.28, 1.5, 0.1],
         unknown_position: 0.3,
         unknown_width: 0.5,
         unknown_level: 1.5,

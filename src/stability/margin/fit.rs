@@ -113,7 +113,8 @@ const WINDOW: usize = 2 * REACH + 1;
 /// which it does has the likelihood zero; a root and its mirror image would have nearly the same.
 ///
 /// Source: Whittle 1953; Kay, Statistical Signal Processing I, 3.11; the cut-method note, section 3.
-/// Checked by: `the_margin_is_the_decay_of_the_vibration`, `a_cut_under_noise_is_not_heard` (suite).
+/// Checked by: `a_cut_that_has_a_spectrum_is_stable`, `the_margin_is_the_decay_of_the_vibration`,
+/// `a_cut_under_noise_is_not_heard` (suite).
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Fit {
     pub(super) stage: Stage,

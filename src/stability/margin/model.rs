@@ -5,11 +5,10 @@ use nalgebra::{Complex, SVector};
 use std::f64::consts::PI;
 
 /// How many numbers are not known.
-pub(super) const PARAMETERS: usize = 10;
+pub(super) const PARAMETERS: usize = 9;
 
 /// ln K_r, ln zeta, ln clamp factor, ln C_i, ln phi^2, pitch offset (rad), ln of the random share of the
-/// force, ln of the measurement noise over that in air, its change in 100 Hz, ln of how much stiffer tool 2
-/// cuts than tool 1.
+/// force, ln of the measurement noise over that in air, its change in 100 Hz.
 pub(super) type Parameters = SVector<f64, PARAMETERS>;
 
 /// Place of a number in [`Parameters`].
@@ -23,7 +22,6 @@ pub(super) mod place {
     pub(in super::super) const LEVEL: usize = 6;
     pub(in super::super) const NOISE: usize = 7;
     pub(in super::super) const SLOPE: usize = 8;
-    pub(in super::super) const TOOLS: usize = 9;
 }
 
 /// Corner of the random part of the force, Hz: "to 2 kHz", first order (contracts, section 6).
@@ -104,10 +102,7 @@ impl Default for Density {
 /// y = -G (n1 - n2)/Delta with Delta = 1 + G (A1 + A2), and the force on tool 1
 ///
 /// F1 = [(P + A2) n1 + A1 n2]/Q,  Q = P + A1 + A2,  P = 1/G = m (w^2 + s^2 + 2 zeta w s)/phi^2
-/// A1 = K1 (1 + e^{-s tau2}) + s c1,  A2 = K2 (1 + e^{-s tau1}) + s c2,  c = C_i b/(b0 v)
-///
-/// K1 and c1 times e^{-r/2}, K2 and c2 times e^{r/2}: two tools are never quite alike, and of two waves that
-/// nearly cancel the rest is their difference.
+/// A1 = K (1 + e^{-s tau2}) + s c,  A2 = K (1 + e^{-s tau1}) + s c,  c = C_i b/(b0 v)
 ///
 /// n_j = nu F_j times first-order noise of unit variance, independent in the two tools.
 /// Source: the cut-method note, section 1, for the healthy cut. Checked by: `derivatives_are_differences`,
@@ -118,9 +113,8 @@ pub(super) struct Cut {
     inertia: f64,
     natural_rad_s: f64,
     damping_ratio: f64,
-    /// Of each tool.
-    stiffness: [f64; 2],
-    process: [f64; 2],
+    stiffness: f64,
+    process: f64,
     delay_1_s: f64,
     delay_2_s: f64,
     /// d tau2 / d d.
@@ -152,20 +146,17 @@ impl Cut {
         let pitch_rad = condition.pitch_rad + at[place::PITCH];
         let [theta_1, theta_2] = [PI - pitch_rad / 2.0, PI + pitch_rad / 2.0];
         let per_rad = condition.turn_s / (2.0 * PI);
-        let tools = [-0.5, 0.5].map(|side| (side * at[place::TOOLS]).exp());
-        let stiffness = condition.width_m * at[place::STIFFNESS].exp();
-        let process = condition.process_s_m * at[place::PROCESS].exp();
         Self {
             inertia: condition.mass_kg / (condition.shape_squared * at[place::POSITION].exp()),
             natural_rad_s: condition.rigid_rad_s * at[place::CLAMP].exp(),
             damping_ratio: at[place::DAMPING].exp(),
-            stiffness: tools.map(|tool| tool * stiffness),
-            process: tools.map(|tool| tool * process),
+            stiffness: condition.width_m * at[place::STIFFNESS].exp(),
+            process: condition.process_s_m * at[place::PROCESS].exp(),
             delay_1_s: theta_1 * per_rad,
             delay_2_s: theta_2 * per_rad,
             delay_by_pitch_s: per_rad / 2.0,
             random: (at[place::LEVEL].exp() * condition.mean_n).powi(2),
-            share_2: (theta_1 / theta_2 * tools[1] / tools[0]).powi(2),
+            share_2: (theta_1 / theta_2).powi(2),
             force_hz: condition.force_hz,
             noise: Noise {
                 level: condition.noise.level + at[place::NOISE],
@@ -184,10 +175,9 @@ impl Cut {
         let ring = s * (2.0 * self.damping_ratio * own * self.inertia);
         let spring = self.inertia * own * own;
         let p = ring + (spring - self.inertia * w * w);
-        let [stiff_1, stiff_2] = self.stiffness;
-        let (k1, k2) = ((e2 + 1.0) * stiff_1, (e1 + 1.0) * stiff_2);
-        let [c1, c2] = self.process.map(|process| s * process);
-        let (a1, a2) = (k1 + c1, k2 + c2);
+        let (k1, k2) = ((e2 + 1.0) * self.stiffness, (e1 + 1.0) * self.stiffness);
+        let c = s * self.process;
+        let (a1, a2) = (k1 + c, k2 + c);
         let (n, q) = (p + a2, p + a1 + a2);
         let inverse = q.inv();
         let input = self.random * random_shape(frequency_hz) * low_pass(frequency_hz, self.force_hz);
@@ -196,7 +186,7 @@ impl Cut {
         let offset = (frequency_hz - self.noise.middle_hz) / 100.0;
         let floor = (self.noise.level + self.noise.slope * offset).exp();
         let none = Complex::new(0.0, 0.0);
-        let turned = s * self.delay_by_pitch_s;
+        let turned = s * (self.stiffness * self.delay_by_pitch_s);
         let by = |dp: Complex<f64>, d1: Complex<f64>, d2: Complex<f64>| {
             let numerator = product(n, dp + d2) + self.share_2 * product(a1, d1);
             over * 2.0 * numerator - 2.0 * cut * ((dp + d1 + d2) * inverse).re
@@ -205,31 +195,30 @@ impl Cut {
             by(none, k1, k2),
             by(ring, none, none),
             by(ring + 2.0 * spring, none, none),
-            by(none, c1, c2),
+            by(none, c, c),
             by(-p, none, none),
-            by(none, -(e2 * turned) * stiff_1, e1 * turned * stiff_2)
-                + over * a1.norm_sqr() * self.share_by_pitch(),
+            by(none, -(e2 * turned), e1 * turned) + over * a1.norm_sqr() * self.share_by_pitch(),
             2.0 * cut,
             floor,
             floor * offset,
-            by(none, -0.5 * a1, 0.5 * a2) + over * a1.norm_sqr() * 2.0 * self.share_2,
         ]);
-        // Without the delayed waves every cut is stable: 1 + L = Q/(P + K1 + K2 + s c1 + s c2).
-        let difference = q / (p + (stiff_1 + stiff_2) + c1 + c2);
+        // Without the delayed waves every cut is stable: 1 + L = Q/(P + 2 K + 2 s c).
+        let difference = q / (p + 2.0 * (self.stiffness + c));
         Density { total: cut + floor, cut, difference, by }
     }
 
     /// Left side of the two-delay equation over phi^2, and its derivative by s.
     pub(super) fn characteristic(&self, s: Complex<f64>) -> [Complex<f64>; 2] {
-        let [stiff_1, stiff_2] = self.stiffness;
-        let e1 = (-s * self.delay_1_s).exp() * stiff_2;
-        let e2 = (-s * self.delay_2_s).exp() * stiff_1;
-        let process: f64 = self.process.iter().sum();
+        let [e1, e2] = [self.delay_1_s, self.delay_2_s].map(|tau| (-s * tau).exp() * self.stiffness);
         let own = self.natural_rad_s;
         let ring = 2.0 * self.damping_ratio * own;
-        let value =
-            (s * s + s * ring + own * own) * self.inertia + s * process + e1 + e2 + (stiff_1 + stiff_2);
-        let slope = (s * 2.0 + ring) * self.inertia + process - e1 * self.delay_1_s - e2 * self.delay_2_s;
+        let value = (s * s + s * ring + own * own) * self.inertia
+            + s * (2.0 * self.process)
+            + e1
+            + e2
+            + 2.0 * self.stiffness;
+        let slope =
+            (s * 2.0 + ring) * self.inertia + 2.0 * self.process - e1 * self.delay_1_s - e2 * self.delay_2_s;
         [value, slope]
     }
 
@@ -292,15 +281,13 @@ pub(super) mod tests {
             (0.03f64).ln(),
             0.0,
             0.0,
-            0.0,
         ]);
         (condition, at)
     }
 
     #[test]
     fn derivatives_are_differences() {
-        let (condition, mut at) = example(0.08);
-        at[place::TOOLS] = 0.07;
+        let (condition, at) = example(0.08);
         for hz in [520.0, 600.0, 648.0, 650.0, 700.0] {
             let exact = Cut::new(&condition, &at).density(hz);
             for k in 0..PARAMETERS {
