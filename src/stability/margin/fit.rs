@@ -5,7 +5,8 @@ use super::interference::Bin;
 use super::model::{Condition, Cut, Density, PARAMETERS, Parameters, place};
 use super::spectrum::{BandBlocks, REACH};
 use crate::keyframe::{Keep, Words, keep, keep_list};
-use nalgebra::SMatrix;
+use nalgebra::{Complex, SMatrix};
+use std::f64::consts::PI;
 
 /// Square of the parameters.
 pub(super) type Information = SMatrix<f64, PARAMETERS, PARAMETERS>;
@@ -86,7 +87,6 @@ keep_list!(Stage { Idle, Search, Refine });
 /// Starts of a search: three natural frequencies, a standard deviation apart, with every line taken for the
 /// cut's and without.
 const FREQUENCIES: usize = 3;
-const STARTS: usize = 2 * FREQUENCIES;
 /// All of them with process damping this many standard deviations up: there the cut is stable. A root and its
 /// mirror image have one spectrum, and at the axis between them it has no bound: from the stable side the
 /// fit stays there, from the other side it would end at the mirror image.
@@ -109,8 +109,12 @@ const WINDOW: usize = 2 * REACH + 1;
 /// nothing does weighs R R': where nothing does, a bin tells 0.96 and 0.5 to 0.6 of what it would, and the
 /// square is 1.00 and 0.77.
 ///
+/// Only a stable cut has a spectrum: by Nyquist's criterion, 1 + L(j w) does not go round zero. A point at
+/// which it does has the likelihood zero; a root and its mirror image would have nearly the same.
+///
 /// Source: Whittle 1953; Kay, Statistical Signal Processing I, 3.11; the cut-method note, section 3.
-/// Checked by: `the_margin_is_the_decay_of_the_vibration`, `a_cut_under_noise_is_not_heard` (suite).
+/// Checked by: `a_cut_that_has_a_spectrum_is_stable`, `the_margin_is_the_decay_of_the_vibration`,
+/// `a_cut_under_noise_is_not_heard` (suite).
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Fit {
     pub(super) stage: Stage,
@@ -128,10 +132,19 @@ pub(super) struct Fit {
     information: Information,
     gradient: Parameters,
     likelihood: f64,
+    /// Return difference where the last density was taken, its turn over the block, and whether it goes round
+    /// zero in any block: such a cut is not stable.
+    difference: Complex<f64>,
+    turned_rad: f64,
+    unstable: bool,
+    /// The last point at which every block was stable.
+    stable_at: Option<Parameters>,
+    /// Whether an unstable point was met since the fit began, or went on from its best start.
+    crossed: bool,
     window: [Density; WINDOW],
 }
 
-keep!(Density { total, cut, by });
+keep!(Density { total, cut, difference, by });
 keep!(Fit {
     stage,
     prior,
@@ -148,6 +161,11 @@ keep!(Fit {
     information,
     gradient,
     likelihood,
+    difference,
+    turned_rad,
+    unstable,
+    stable_at,
+    crossed,
     window
 });
 
@@ -169,6 +187,11 @@ impl Default for Fit {
             information: Information::zeros(),
             gradient: Parameters::zeros(),
             likelihood: 0.0,
+            difference: Complex::new(1.0, 0.0),
+            turned_rad: 0.0,
+            unstable: false,
+            stable_at: None,
+            crossed: false,
             window: [Density::default(); WINDOW],
         }
     }
@@ -179,8 +202,8 @@ impl Fit {
     pub(super) fn search(&mut self, prior: &Gaussian, longest: &Parameters) {
         self.begin(prior, longest);
         (self.stage, self.steps, self.start) = (Stage::Search, SEARCH_STEPS, 0);
-        self.best_likelihood = f64::NEG_INFINITY;
         self.at = self.starting_point();
+        (self.best, self.best_likelihood) = (self.at, f64::NEG_INFINITY);
         self.clear();
     }
 
@@ -194,7 +217,7 @@ impl Fit {
     /// Bins that the whole fit takes at most.
     pub(super) fn work(&self, blocks: usize, bins: usize) -> usize {
         let steps = match self.stage {
-            Stage::Search => STARTS * SEARCH_STEPS + REFINE_STEPS,
+            Stage::Search => 2 * FREQUENCIES * SEARCH_STEPS + REFINE_STEPS,
             Stage::Refine | Stage::Idle => FOLLOW_STEPS,
         };
         steps * blocks * (bins + REACH)
@@ -208,7 +231,7 @@ impl Fit {
     fn begin(&mut self, prior: &Gaussian, longest: &Parameters) {
         self.prior = *prior;
         self.longest = longest * LONGEST_STEP;
-        self.step = 0;
+        (self.step, self.stable_at, self.crossed) = (0, None, false);
     }
 
     fn starting_point(&self) -> Parameters {
@@ -225,7 +248,7 @@ impl Fit {
     }
 
     fn clear(&mut self) {
-        (self.block, self.bin) = (0, 0);
+        (self.block, self.bin, self.unstable) = (0, 0, false);
         self.information = self.prior.information;
         let off = self.at - self.prior.mean;
         self.gradient = -(self.prior.information * off);
@@ -242,19 +265,31 @@ impl Fit {
             for half in 0..WINDOW {
                 self.window[half] = self.density(band.half_bin_hz(half as i64 - REACH as i64));
             }
+            (self.turned_rad, self.difference) = (0.0, self.window[0].difference);
+            self.turn(0);
         } else {
             self.window.rotate_left(2);
             for half in WINDOW - 2..WINDOW {
                 let from = (2 * self.bin + half) as i64 - REACH as i64;
                 self.window[half] = self.density(band.half_bin_hz(from));
             }
+            self.turn(WINDOW - 2);
         }
         self.take(block.power[self.bin], block.expected[self.bin], band.leakage());
         self.bin += 1;
         if self.bin == band.bins {
+            self.unstable |= self.turned_rad.abs() > PI;
             (self.bin, self.block) = (0, self.block + 1);
         }
         None
+    }
+
+    /// Follows the return difference over the densities from here on.
+    fn turn(&mut self, from: usize) {
+        for density in &self.window[from..] {
+            self.turned_rad += (density.difference * self.difference.conj()).arg();
+            self.difference = density.difference;
+        }
     }
 
     /// Mean spectrum of the block at a frequency.
@@ -265,6 +300,7 @@ impl Fit {
             let other = late.density(frequency_hz);
             density.total = 0.5 * (density.total + other.total);
             density.cut = 0.5 * (density.cut + other.cut);
+            density.difference = 0.5 * (density.difference + other.difference);
             density.by = 0.5 * (density.by + other.by);
         }
         density
@@ -289,23 +325,36 @@ impl Fit {
         self.information.ger(share * own * own, &relative, &relative, 1.0);
     }
 
+    /// The next point of Fisher's scoring, from an unstable one half the way back, to more process damping
+    /// where none was stable yet; whether the fit has settled.
+    fn move_on(&mut self) -> bool {
+        if self.unstable {
+            self.crossed = true;
+            match self.stable_at {
+                Some(stable) => self.at = 0.5 * (self.at + stable),
+                None => self.at[place::PROCESS] += self.longest[place::PROCESS],
+            }
+            return false;
+        }
+        self.stable_at = Some(self.at);
+        let Some(information) = self.information.cholesky() else { return true };
+        let mut step = information.solve(&self.gradient);
+        let excess = step.component_div(&self.longest).amax();
+        if excess > 1.0 {
+            step /= excess;
+        }
+        self.at += step;
+        let covariance = information.inverse();
+        (0..PARAMETERS).all(|k| step[k] * step[k] < SETTLED * SETTLED * covariance[(k, k)])
+    }
+
     fn end_step(&mut self) -> Option<Gaussian> {
-        if self.likelihood > self.best_likelihood || self.stage == Stage::Refine {
+        if self.stage == Stage::Search && !self.unstable && self.likelihood > self.best_likelihood {
             (self.best, self.best_likelihood) = (self.at, self.likelihood);
         }
         let plain = self.takes_all();
         self.step += 1;
-        let solved = self.information.cholesky().map(|c| (c.solve(&self.gradient), c.inverse()));
-        let settled = if let Some((mut step, covariance)) = solved {
-            let excess = step.component_div(&self.longest).amax();
-            if excess > 1.0 {
-                step /= excess;
-            }
-            self.at += step;
-            (0..PARAMETERS).all(|k| step[k] * step[k] < SETTLED * SETTLED * covariance[(k, k)])
-        } else {
-            true
-        };
+        let settled = self.move_on();
         if plain && settled {
             self.step = SEARCH_STEPS / 2;
         }
@@ -315,8 +364,8 @@ impl Fit {
         }
         if self.stage == Stage::Search {
             self.start += 1;
-            self.step = 0;
-            if self.start < STARTS {
+            (self.step, self.stable_at, self.crossed) = (0, None, false);
+            if self.start < 2 * FREQUENCIES {
                 self.at = self.starting_point();
             } else {
                 (self.stage, self.steps, self.at) = (Stage::Refine, REFINE_STEPS, self.best);
@@ -325,6 +374,55 @@ impl Fit {
             return None;
         }
         self.stage = Stage::Idle;
-        Some(Gaussian { mean: self.at, information: self.information })
+        // At the border of stability there is no maximum and no curvature that tells: what was known stands.
+        let borders = self.crossed && !settled;
+        let information = if borders { self.prior.information } else { self.information };
+        Some(Gaussian { mean: self.stable_at.unwrap_or(self.at), information })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::model::tests::example;
+    use super::super::roots::{Roots, descend, inside, seed};
+    use super::*;
+    use crate::units::SampleRate;
+
+    const BAND_HZ: [f64; 2] = [480.0, 760.0];
+
+    fn margin_1_s(condition: &Condition, at: &Parameters) -> f64 {
+        let cut = Cut::new(condition, at);
+        let mut roots = Roots::default();
+        (0..).map_while(|number| seed(&cut, BAND_HZ, number)).for_each(|seed| {
+            let root = descend(&cut, seed).filter(|root| inside(*root, BAND_HZ));
+            root.into_iter().for_each(|root| roots.insert(root));
+        });
+        -roots.first().unwrap().re
+    }
+
+    /// A fit of the spectrum of a stable cut that begins at an unstable one.
+    #[test]
+    fn a_cut_that_has_a_spectrum_is_stable() {
+        let band = BandBlocks::new(SampleRate::new(9000.0).unwrap(), BAND_HZ, 2.0);
+        let pitches = (0..60).map(|k| 0.06 + 0.001 * f64::from(k));
+        let (condition, truth) =
+            pitches.map(example).find(|(c, at)| (5.0..9.0).contains(&margin_1_s(c, at))).unwrap();
+        let cut = Cut::new(&condition, &truth);
+        let power = (0..band.bins).map(|bin| cut.density(band.half_bin_hz(2 * bin as i64)).total).collect();
+        let blocks = [Block { conditions: [condition; 2], power, expected: vec![false; band.bins] }];
+        let mut start = truth;
+        start[place::PROCESS] -= 1.0;
+        start[place::DAMPING] -= 0.3;
+        assert!(margin_1_s(&condition, &start) < -3.0);
+        let deviations = Criteria::DEFAULT.known;
+        let prior = Gaussian::independent(start, &deviations);
+        let mut fit = Fit::default();
+        let mut found = prior;
+        for _ in 0..6 {
+            fit.follow(&prior, &Parameters::from(deviations), &found.mean);
+            found = (0..).find_map(|_: usize| fit.advance(&blocks, &band)).unwrap();
+        }
+        let margin_1_s = margin_1_s(&condition, &found.mean);
+        assert!((1.0..15.0).contains(&margin_1_s), "{margin_1_s}");
     }
 }

@@ -85,13 +85,15 @@ pub(super) struct Density {
     pub(super) total: f64,
     /// The cut's own part.
     pub(super) cut: f64,
+    /// Return difference 1 + L: the curve of Nyquist's criterion.
+    pub(super) difference: Complex<f64>,
     /// By each parameter.
     pub(super) by: Parameters,
 }
 
 impl Default for Density {
     fn default() -> Self {
-        Self { total: 0.0, cut: 0.0, by: Parameters::zeros() }
+        Self { total: 0.0, cut: 0.0, difference: Complex::new(1.0, 0.0), by: Parameters::zeros() }
     }
 }
 
@@ -200,7 +202,9 @@ impl Cut {
             floor,
             floor * offset,
         ]);
-        Density { total: cut + floor, cut, by }
+        // Without the delayed waves every cut is stable: 1 + L = Q/(P + 2 K + 2 s c).
+        let difference = q / (p + 2.0 * (self.stiffness + c));
+        Density { total: cut + floor, cut, difference, by }
     }
 
     /// Left side of the two-delay equation over phi^2, and its derivative by s.
@@ -313,6 +317,24 @@ pub(super) mod tests {
             let s = Complex::new(root.growth_1_s, 2.0 * PI * root.frequency_hz);
             let [value, slope] = Cut::new(&condition, &at).characteristic(s);
             assert!((value / slope).norm() < 1e-6, "{pitch_rad}: {value}");
+        }
+    }
+
+    /// Nyquist's criterion against the sign of the rightmost root.
+    #[test]
+    fn the_return_difference_goes_round_zero_where_a_cut_is_unstable() {
+        for pitch_rad in [0.0, 0.03, 0.055, 0.07, 0.08, 0.085, 0.09] {
+            let (condition, at) = example(pitch_rad);
+            let raw = crate::plant::scenario::RawScenario {
+                pitch_difference_rad: pitch_rad,
+                ..crate::plant::scenario::RawScenario::default()
+            };
+            let growth_1_s =
+                rightmost_root(&TwoDelay::from_scenario(&Scenario::new(&raw).unwrap())).growth_1_s;
+            let cut = Cut::new(&condition, &at);
+            let along = |k: i32| cut.density(450.0 + 0.25 * f64::from(k)).difference;
+            let turned: f64 = (1..1600).map(|k| (along(k) * along(k - 1).conj()).arg()).sum();
+            assert_eq!(turned.abs() > PI, growth_1_s > 0.0, "{pitch_rad}: {turned} {growth_1_s}");
         }
     }
 }
