@@ -5,7 +5,7 @@ use super::interference::Bin;
 use super::model::{Condition, Cut, Density, PARAMETERS, Parameters, place};
 use super::spectrum::{BandBlocks, REACH};
 use crate::keyframe::{Keep, Words, keep, keep_list};
-use nalgebra::{Complex, SMatrix};
+use nalgebra::SMatrix;
 use std::f64::consts::PI;
 
 /// Square of the parameters.
@@ -87,6 +87,7 @@ keep_list!(Stage { Idle, Search, Refine });
 /// Starts of a search: three natural frequencies, a standard deviation apart, with every line taken for the
 /// cut's and without.
 const FREQUENCIES: usize = 3;
+const STARTS: usize = 2 * FREQUENCIES;
 /// All of them with process damping this many standard deviations up: there the cut is stable. A root and its
 /// mirror image have one spectrum, and at the axis between them it has no bound: from the stable side the
 /// fit stays there, from the other side it would end at the mirror image.
@@ -132,9 +133,8 @@ pub(super) struct Fit {
     information: Information,
     gradient: Parameters,
     likelihood: f64,
-    /// Return difference where the last density was taken, its turn over the block, and whether it goes round
-    /// zero in any block: such a cut is not stable.
-    difference: Complex<f64>,
+    /// Turn of the return difference over the block, and whether it goes round zero in any block: such a cut
+    /// is not stable.
     turned_rad: f64,
     unstable: bool,
     /// The last point at which every block was stable.
@@ -161,7 +161,6 @@ keep!(Fit {
     information,
     gradient,
     likelihood,
-    difference,
     turned_rad,
     unstable,
     stable_at,
@@ -187,7 +186,6 @@ impl Default for Fit {
             information: Information::zeros(),
             gradient: Parameters::zeros(),
             likelihood: 0.0,
-            difference: Complex::new(1.0, 0.0),
             turned_rad: 0.0,
             unstable: false,
             stable_at: None,
@@ -200,24 +198,23 @@ impl Default for Fit {
 impl Fit {
     /// Begins from several starts around the prior's mean.
     pub(super) fn search(&mut self, prior: &Gaussian, longest: &Parameters) {
-        self.begin(prior, longest);
+        self.know(prior, longest);
         (self.stage, self.steps, self.start) = (Stage::Search, SEARCH_STEPS, 0);
-        self.at = self.starting_point();
+        self.begin(self.starting_point());
         (self.best, self.best_likelihood) = (self.at, f64::NEG_INFINITY);
-        self.clear();
     }
 
     /// Begins from one point.
     pub(super) fn follow(&mut self, prior: &Gaussian, longest: &Parameters, from: &Parameters) {
-        self.begin(prior, longest);
-        (self.stage, self.steps, self.at) = (Stage::Refine, FOLLOW_STEPS, *from);
-        self.clear();
+        self.know(prior, longest);
+        (self.stage, self.steps) = (Stage::Refine, FOLLOW_STEPS);
+        self.begin(*from);
     }
 
     /// Bins that the whole fit takes at most.
     pub(super) fn work(&self, blocks: usize, bins: usize) -> usize {
         let steps = match self.stage {
-            Stage::Search => 2 * FREQUENCIES * SEARCH_STEPS + REFINE_STEPS,
+            Stage::Search => STARTS * SEARCH_STEPS + REFINE_STEPS,
             Stage::Refine | Stage::Idle => FOLLOW_STEPS,
         };
         steps * blocks * (bins + REACH)
@@ -228,10 +225,14 @@ impl Fit {
         self.bin < bins
     }
 
-    fn begin(&mut self, prior: &Gaussian, longest: &Parameters) {
-        self.prior = *prior;
-        self.longest = longest * LONGEST_STEP;
-        (self.step, self.stable_at, self.crossed) = (0, None, false);
+    fn know(&mut self, prior: &Gaussian, longest: &Parameters) {
+        (self.prior, self.longest) = (*prior, longest * LONGEST_STEP);
+    }
+
+    /// From a point on nothing is known of what is stable.
+    fn begin(&mut self, at: Parameters) {
+        (self.at, self.step, self.stable_at, self.crossed) = (at, 0, None, false);
+        self.clear();
     }
 
     fn starting_point(&self) -> Parameters {
@@ -265,7 +266,7 @@ impl Fit {
             for half in 0..WINDOW {
                 self.window[half] = self.density(band.half_bin_hz(half as i64 - REACH as i64));
             }
-            (self.turned_rad, self.difference) = (0.0, self.window[0].difference);
+            self.turned_rad = 0.0;
             self.turn(0);
         } else {
             self.window.rotate_left(2);
@@ -273,7 +274,7 @@ impl Fit {
                 let from = (2 * self.bin + half) as i64 - REACH as i64;
                 self.window[half] = self.density(band.half_bin_hz(from));
             }
-            self.turn(WINDOW - 2);
+            self.turn(WINDOW - 3);
         }
         self.take(block.power[self.bin], block.expected[self.bin], band.leakage());
         self.bin += 1;
@@ -284,15 +285,13 @@ impl Fit {
         None
     }
 
-    /// Follows the return difference over the densities from here on.
+    /// Follows the return difference over the densities from that one on.
     fn turn(&mut self, from: usize) {
-        for density in &self.window[from..] {
-            self.turned_rad += (density.difference * self.difference.conj()).arg();
-            self.difference = density.difference;
-        }
+        let turns = self.window[from..].windows(2).map(|w| (w[1].difference * w[0].difference.conj()).arg());
+        self.turned_rad = turns.fold(self.turned_rad, |sum, turn| sum + turn);
     }
 
-    /// Mean spectrum of the block at a frequency.
+    /// Mean spectrum and return difference of the block at a frequency.
     fn density(&self, frequency_hz: f64) -> Density {
         let [early, late] = &self.cuts;
         let mut density = early.density(frequency_hz);
@@ -364,13 +363,12 @@ impl Fit {
         }
         if self.stage == Stage::Search {
             self.start += 1;
-            (self.step, self.stable_at, self.crossed) = (0, None, false);
-            if self.start < 2 * FREQUENCIES {
-                self.at = self.starting_point();
+            if self.start == STARTS {
+                (self.stage, self.steps) = (Stage::Refine, REFINE_STEPS);
+                self.begin(self.best);
             } else {
-                (self.stage, self.steps, self.at) = (Stage::Refine, REFINE_STEPS, self.best);
+                self.begin(self.starting_point());
             }
-            self.clear();
             return None;
         }
         self.stage = Stage::Idle;
@@ -384,20 +382,14 @@ impl Fit {
 #[cfg(test)]
 mod tests {
     use super::super::model::tests::example;
-    use super::super::roots::{Roots, descend, inside, seed};
+    use super::super::roots::all;
     use super::*;
     use crate::units::SampleRate;
 
     const BAND_HZ: [f64; 2] = [480.0, 760.0];
 
     fn margin_1_s(condition: &Condition, at: &Parameters) -> f64 {
-        let cut = Cut::new(condition, at);
-        let mut roots = Roots::default();
-        (0..).map_while(|number| seed(&cut, BAND_HZ, number)).for_each(|seed| {
-            let root = descend(&cut, seed).filter(|root| inside(*root, BAND_HZ));
-            root.into_iter().for_each(|root| roots.insert(root));
-        });
-        -roots.first().unwrap().re
+        -all(&Cut::new(condition, at), BAND_HZ).first().unwrap().re
     }
 
     /// A fit of the spectrum of a stable cut that begins at an unstable one.

@@ -251,8 +251,8 @@ fn low_pass(frequency_hz: f64, corner_hz: f64) -> f64 {
 pub(super) mod tests {
     use super::*;
     use crate::plant::cutting::TwoDelay;
-    use crate::plant::scenario::Scenario;
-    use crate::stability::rightmost_root;
+    use crate::plant::scenario::{RawScenario, Scenario};
+    use crate::stability::{Root, rightmost_root};
 
     /// The default scenario at a pitch, and what it says of the numbers that are not known.
     pub(in super::super) fn example(pitch_rad: f64) -> (Condition, Parameters) {
@@ -285,6 +285,12 @@ pub(super) mod tests {
         (condition, at)
     }
 
+    /// The rightmost root of that scenario by the search of the stability map.
+    pub(in super::super) fn mapped(pitch_rad: f64) -> Root {
+        let raw = RawScenario { pitch_difference_rad: pitch_rad, ..RawScenario::default() };
+        rightmost_root(&TwoDelay::from_scenario(&Scenario::new(&raw).unwrap()))
+    }
+
     #[test]
     fn derivatives_are_differences() {
         let (condition, at) = example(0.08);
@@ -308,12 +314,7 @@ pub(super) mod tests {
     fn roots_are_those_of_the_two_delay_equation() {
         for pitch_rad in [0.0, 0.05, 0.09] {
             let (condition, at) = example(pitch_rad);
-            let scenario = crate::plant::scenario::RawScenario {
-                pitch_difference_rad: pitch_rad,
-                ..crate::plant::scenario::RawScenario::default()
-            };
-            let equation = TwoDelay::from_scenario(&Scenario::new(&scenario).unwrap());
-            let root = rightmost_root(&equation);
+            let root = mapped(pitch_rad);
             let s = Complex::new(root.growth_1_s, 2.0 * PI * root.frequency_hz);
             let [value, slope] = Cut::new(&condition, &at).characteristic(s);
             assert!((value / slope).norm() < 1e-6, "{pitch_rad}: {value}");
@@ -325,12 +326,7 @@ pub(super) mod tests {
     fn the_return_difference_goes_round_zero_where_a_cut_is_unstable() {
         for pitch_rad in [0.0, 0.03, 0.055, 0.07, 0.08, 0.085, 0.09] {
             let (condition, at) = example(pitch_rad);
-            let raw = crate::plant::scenario::RawScenario {
-                pitch_difference_rad: pitch_rad,
-                ..crate::plant::scenario::RawScenario::default()
-            };
-            let growth_1_s =
-                rightmost_root(&TwoDelay::from_scenario(&Scenario::new(&raw).unwrap())).growth_1_s;
+            let growth_1_s = mapped(pitch_rad).growth_1_s;
             let cut = Cut::new(&condition, &at);
             let along = |k: i32| cut.density(450.0 + 0.25 * f64::from(k)).difference;
             let turned: f64 = (1..1600).map(|k| (along(k) * along(k - 1).conj()).arg()).sum();

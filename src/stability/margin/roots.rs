@@ -136,32 +136,30 @@ pub(super) fn quantile(sorted: &[f64], share: f64) -> f64 {
     sorted[below] + (place - place.floor()) * (sorted[above] - sorted[below])
 }
 
+/// Every root in a band at once.
+#[cfg(test)]
+pub(super) fn all(cut: &Cut, band_hz: [f64; 2]) -> Roots {
+    let mut roots = Roots::default();
+    for number in 0..200 {
+        let Some(seed) = seed(cut, band_hz, number) else { break };
+        if let Some(root) = descend(cut, seed).filter(|r| inside(*r, band_hz)) {
+            roots.insert(root);
+        }
+    }
+    roots
+}
+
 #[cfg(test)]
 mod tests {
-    use super::super::model::tests::example;
+    use super::super::model::tests::{example, mapped};
     use super::*;
-    use crate::plant::cutting::TwoDelay;
-    use crate::plant::scenario::{RawScenario, Scenario};
-    use crate::stability::rightmost_root;
-
-    fn all(cut: &Cut, band_hz: [f64; 2]) -> Roots {
-        let mut roots = Roots::default();
-        for number in 0..200 {
-            let Some(seed) = seed(cut, band_hz, number) else { break };
-            if let Some(root) = descend(cut, seed).filter(|r| inside(*r, band_hz)) {
-                roots.insert(root);
-            }
-        }
-        roots
-    }
 
     /// Against the search of the stability map, which shares neither seeds nor window with this one.
     #[test]
     fn the_rightmost_root_is_that_of_the_map() {
         for pitch_rad in [0.0, 0.03, 0.055, 0.07, 0.085] {
             let (condition, at) = example(pitch_rad);
-            let raw = RawScenario { pitch_difference_rad: pitch_rad, ..RawScenario::default() };
-            let wanted = rightmost_root(&TwoDelay::from_scenario(&Scenario::new(&raw).unwrap()));
+            let wanted = mapped(pitch_rad);
             let found = all(&Cut::new(&condition, &at), [480.0, 760.0]).first().unwrap();
             assert!((found.re - wanted.growth_1_s).abs() < 1e-4, "{pitch_rad}: {found} {wanted:?}");
         }
