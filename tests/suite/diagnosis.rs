@@ -446,11 +446,13 @@ fn a_torsional_mode_far_inside_the_band_is_named() {
         ..CaseSpec::default()
     };
     let case = conceal(&soft.axes[0], soft.sample_rate, &spec).unwrap();
-    let true_hz = case.hidden[0].parameters[0].1;
+    let (name, true_hz) = case.hidden[0].parameters[0];
+    assert_eq!(name, "free_free_frequency_hz");
     let d = diagnose(&case.model, &case.recordings, &|_, _| {}).unwrap();
+    assert!(true_hz < 0.5 * d.residual_band_hz[1], "{true_hz} Hz in {:?}", d.residual_band_hz);
     let [found] = &d.findings[..] else { panic!("{:?}", d.notes) };
     assert_eq!(found.effect.name(), "torsional_mode");
-    let told = found.parameters.iter().find(|e| e.name == "free_free_frequency_hz").unwrap();
+    let told = found.parameters.iter().find(|e| e.name == name).unwrap();
     assert!((told.value / true_hz - 1.0).abs() < 0.005, "{told:?}, true {true_hz}");
     assert_eq!(d.verdict, Verdict::MissingPhysics);
     assert!(d.parameter_corrections.is_empty(), "{:?}", d.parameter_corrections);

@@ -88,9 +88,8 @@ keep_list!(Stage { Idle, Search, Refine });
 /// cut's and without.
 const FREQUENCIES: usize = 3;
 const STARTS: usize = 2 * FREQUENCIES;
-/// All of them with process damping this many standard deviations up: there the cut is stable. A root and its
-/// mirror image have one spectrum, and at the axis between them it has no bound: from the stable side the
-/// fit stays there, from the other side it would end at the mirror image.
+/// All of them with process damping this many standard deviations up: there the cut is stable, and steps from
+/// there end at the border that the fit would have to find its way back over from the other side.
 const DAMPED_START: f64 = 2.0;
 const SEARCH_STEPS: usize = 8;
 const REFINE_STEPS: usize = 6;

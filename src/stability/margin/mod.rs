@@ -10,8 +10,8 @@
 //! speed, pitch, position, feed, width (conditions)   second, and drift)      the posterior)      (judge)
 //! ```
 //!
-//! The spectrum of a root and of its mirror image are the same; the level of the line against the mean force
-//! tells on which side of zero it is. Between blocks the numbers stand and the conditions move: a pitch that
+//! A root and its mirror image have nearly one spectrum; only a stable cut has one that stands, and the fit
+//! keeps to those (Nyquist's criterion). Between blocks the numbers stand and the conditions move: a pitch that
 //! drifts moves the margin at once. The mean force over the chip area tells changes of the stiffness.
 //!
 //! All work is done in parts of a few bins a sample; nothing is allocated after [`MarginMonitor::start`].
