@@ -11,8 +11,8 @@
 //! ```
 //!
 //! A root and its mirror image have nearly one spectrum; only a stable cut has one that stands, and the fit
-//! keeps to those (Nyquist's criterion). Between blocks the numbers stand and the conditions move: a pitch that
-//! drifts moves the margin at once. The mean force over the chip area tells changes of the stiffness.
+//! keeps to those (Nyquist's criterion). Between blocks the numbers stand and the conditions move: a pitch
+//! that drifts moves the margin at once. The mean force over the chip area tells changes of the stiffness.
 //!
 //! All work is done in parts of a few bins a sample; nothing is allocated after [`MarginMonitor::start`].
 //! It does not decide whether there is chatter: a cut that swings out of the linear range teaches nothing.
