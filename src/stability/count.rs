@@ -1,8 +1,27 @@
 //! How many roots lie right of a line: the argument principle, independent of the search for roots.
 
+use crate::keyframe::keep;
 use crate::plant::cut_loop::{CutLoop, Resonance};
 use crate::plant::cutting::TwoDelay;
 use nalgebra::Complex;
+
+/// How far a curve has turned round zero.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Turn {
+    last: Option<Complex<f64>>,
+    pub(super) rad: f64,
+}
+
+keep!(Turn { last, rad });
+
+impl Turn {
+    /// On to its next point, less than half a turn away.
+    pub(super) fn to(&mut self, point: Complex<f64>) {
+        if let Some(last) = self.last.replace(point) {
+            self.rad += (point * last.conj()).arg();
+        }
+    }
+}
 
 /// Number of roots of the two-delay equation with a real part above `growth_1_s`.
 ///

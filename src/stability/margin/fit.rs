@@ -5,6 +5,7 @@ use super::interference::Bin;
 use super::model::{Condition, Cut, Density, PARAMETERS, Parameters, place};
 use super::spectrum::{BandBlocks, REACH};
 use crate::keyframe::{Keep, Words, keep, keep_list};
+use crate::stability::count::Turn;
 use nalgebra::SMatrix;
 use std::f64::consts::PI;
 
@@ -88,10 +89,8 @@ keep_list!(Stage { Idle, Search, Refine });
 /// cut's and without.
 const FREQUENCIES: usize = 3;
 const STARTS: usize = 2 * FREQUENCIES;
-/// All of them with process damping this many standard deviations up: there the cut is stable, and steps from
-/// there end at the border that the fit would have to find its way back over from the other side.
-const DAMPED_START: f64 = 2.0;
 const SEARCH_STEPS: usize = 8;
+/// From the best start, and where a fit meets the border of stability.
 const REFINE_STEPS: usize = 6;
 /// From the posterior of a second before, the step is short.
 const FOLLOW_STEPS: usize = 3;
@@ -110,16 +109,17 @@ const WINDOW: usize = 2 * REACH + 1;
 /// square is 1.00 and 0.77.
 ///
 /// Only a stable cut has a spectrum: by Nyquist's criterion, 1 + L(j w) does not go round zero. A point at
-/// which it does has the likelihood zero; a root and its mirror image would have nearly the same.
+/// which it does has the likelihood zero; a root and its mirror image would have nearly the same. A fit that
+/// met no other has no posterior.
 ///
 /// Source: Whittle 1953; Kay, Statistical Signal Processing I, 3.11; the cut-method note, section 3.
-/// Checked by: `a_cut_that_has_a_spectrum_is_stable`, `the_margin_is_the_decay_of_the_vibration`,
+/// Checked by: `a_cut_that_has_a_spectrum_is_stable`, `across_the_border_it_does_not_climb`,
+/// `without_a_stable_point_there_is_no_posterior`, `the_margin_is_the_decay_of_the_vibration`,
 /// `a_cut_under_noise_is_not_heard` (suite).
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Fit {
     pub(super) stage: Stage,
     prior: Gaussian,
-    longest: Parameters,
     at: Parameters,
     best: Parameters,
     best_likelihood: f64,
@@ -132,14 +132,12 @@ pub(super) struct Fit {
     information: Information,
     gradient: Parameters,
     likelihood: f64,
-    /// Turn of the return difference over the block, and whether it goes round zero in any block: such a cut
-    /// is not stable.
-    turned_rad: f64,
+    /// Of the return difference over the block at each of its moments, and whether one goes round zero in any
+    /// block: such a cut is not stable.
+    turns: [Turn; 2],
     unstable: bool,
-    /// The last point at which every block was stable.
-    stable_at: Option<Parameters>,
-    /// Whether an unstable point was met since the fit began, or went on from its best start.
-    crossed: bool,
+    /// The last point at which every block was stable, and what is known there.
+    stable: Option<Gaussian>,
     window: [Density; WINDOW],
 }
 
@@ -147,7 +145,6 @@ keep!(Density { total, cut, difference, by });
 keep!(Fit {
     stage,
     prior,
-    longest,
     at,
     best,
     best_likelihood,
@@ -160,10 +157,9 @@ keep!(Fit {
     information,
     gradient,
     likelihood,
-    turned_rad,
+    turns,
     unstable,
-    stable_at,
-    crossed,
+    stable,
     window
 });
 
@@ -172,7 +168,6 @@ impl Default for Fit {
         Self {
             stage: Stage::Idle,
             prior: Gaussian::default(),
-            longest: Parameters::zeros(),
             at: Parameters::zeros(),
             best: Parameters::zeros(),
             best_likelihood: 0.0,
@@ -185,10 +180,9 @@ impl Default for Fit {
             information: Information::zeros(),
             gradient: Parameters::zeros(),
             likelihood: 0.0,
-            turned_rad: 0.0,
+            turns: [Turn::default(); 2],
             unstable: false,
-            stable_at: None,
-            crossed: false,
+            stable: None,
             window: [Density::default(); WINDOW],
         }
     }
@@ -196,16 +190,16 @@ impl Default for Fit {
 
 impl Fit {
     /// Begins from several starts around the prior's mean.
-    pub(super) fn search(&mut self, prior: &Gaussian, longest: &Parameters) {
-        self.know(prior, longest);
+    pub(super) fn search(&mut self, prior: &Gaussian) {
+        self.prior = *prior;
         (self.stage, self.steps, self.start) = (Stage::Search, SEARCH_STEPS, 0);
         self.begin(self.starting_point());
         (self.best, self.best_likelihood) = (self.at, f64::NEG_INFINITY);
     }
 
     /// Begins from one point.
-    pub(super) fn follow(&mut self, prior: &Gaussian, longest: &Parameters, from: &Parameters) {
-        self.know(prior, longest);
+    pub(super) fn follow(&mut self, prior: &Gaussian, from: &Parameters) {
+        self.prior = *prior;
         (self.stage, self.steps) = (Stage::Refine, FOLLOW_STEPS);
         self.begin(*from);
     }
@@ -214,7 +208,7 @@ impl Fit {
     pub(super) fn work(&self, blocks: usize, bins: usize) -> usize {
         let steps = match self.stage {
             Stage::Search => STARTS * SEARCH_STEPS + REFINE_STEPS,
-            Stage::Refine | Stage::Idle => FOLLOW_STEPS,
+            Stage::Refine | Stage::Idle => REFINE_STEPS,
         };
         steps * blocks * (bins + REACH)
     }
@@ -224,21 +218,16 @@ impl Fit {
         self.bin < bins
     }
 
-    fn know(&mut self, prior: &Gaussian, longest: &Parameters) {
-        (self.prior, self.longest) = (*prior, longest * LONGEST_STEP);
-    }
-
     /// From a point on nothing is known of what is stable.
     fn begin(&mut self, at: Parameters) {
-        (self.at, self.step, self.stable_at, self.crossed) = (at, 0, None, false);
+        (self.at, self.step, self.stable) = (at, 0, None);
         self.clear();
     }
 
     fn starting_point(&self) -> Parameters {
         let mut at = self.prior.mean;
-        let deviation = self.longest / LONGEST_STEP;
-        at[place::CLAMP] += deviation[place::CLAMP] * ((self.start % FREQUENCIES) as f64 - 1.0);
-        at[place::PROCESS] += deviation[place::PROCESS] * DAMPED_START;
+        let deviations = (self.start % FREQUENCIES) as f64 - 1.0;
+        at[place::CLAMP] += deviations / self.prior.information[(place::CLAMP, place::CLAMP)].sqrt();
         at
     }
 
@@ -262,43 +251,36 @@ impl Fit {
         };
         if self.bin == 0 {
             self.cuts = block.conditions.map(|condition| Cut::new(&condition, &self.at));
+            self.turns = [Turn::default(); 2];
             for half in 0..WINDOW {
                 self.window[half] = self.density(band.half_bin_hz(half as i64 - REACH as i64));
             }
-            self.turned_rad = 0.0;
-            self.turn(0);
         } else {
             self.window.rotate_left(2);
             for half in WINDOW - 2..WINDOW {
                 let from = (2 * self.bin + half) as i64 - REACH as i64;
                 self.window[half] = self.density(band.half_bin_hz(from));
             }
-            self.turn(WINDOW - 3);
         }
         self.take(block.power[self.bin], block.expected[self.bin], band.leakage());
         self.bin += 1;
         if self.bin == band.bins {
-            self.unstable |= self.turned_rad.abs() > PI;
+            self.unstable |= self.turns.iter().any(|turn| turn.rad.abs() > PI);
             (self.bin, self.block) = (0, self.block + 1);
         }
         None
     }
 
-    /// Follows the return difference over the densities from that one on.
-    fn turn(&mut self, from: usize) {
-        let turns = self.window[from..].windows(2).map(|w| (w[1].difference * w[0].difference.conj()).arg());
-        self.turned_rad = turns.fold(self.turned_rad, |sum, turn| sum + turn);
-    }
-
-    /// Mean spectrum and return difference of the block at a frequency.
-    fn density(&self, frequency_hz: f64) -> Density {
-        let [early, late] = &self.cuts;
+    /// Mean spectrum of the block at a frequency, up to which its return differences turn on.
+    fn density(&mut self, frequency_hz: f64) -> Density {
+        let [early, late] = self.cuts;
         let mut density = early.density(frequency_hz);
+        self.turns[0].to(density.difference);
         if late != early {
             let other = late.density(frequency_hz);
+            self.turns[1].to(other.difference);
             density.total = 0.5 * (density.total + other.total);
             density.cut = 0.5 * (density.cut + other.cut);
-            density.difference = 0.5 * (density.difference + other.difference);
             density.by = 0.5 * (density.by + other.by);
         }
         density
@@ -323,21 +305,29 @@ impl Fit {
         self.information.ger(share * own * own, &relative, &relative, 1.0);
     }
 
-    /// The next point of Fisher's scoring, from an unstable one half the way back, to more process damping
-    /// where none was stable yet; whether the fit has settled.
+    /// The next point of Fisher's scoring; whether the fit has settled.
+    ///
+    /// From an unstable point half the way back to the last stable one. Where none was stable yet, to more
+    /// process damping, with what the prior moves along with it: by one standard deviation, then two, four.
     fn move_on(&mut self) -> bool {
+        let Some(known) = self.prior.covariance() else { return true };
         if self.unstable {
-            self.crossed = true;
-            match self.stable_at {
-                Some(stable) => self.at = 0.5 * (self.at + stable),
-                None => self.at[place::PROCESS] += self.longest[place::PROCESS],
+            self.steps = self.steps.max(REFINE_STEPS);
+            match self.stable {
+                Some(stable) => self.at = 0.5 * (self.at + stable.mean),
+                None => {
+                    let deviations = f64::from(1u32 << (self.step - 1));
+                    let damped = known.column(place::PROCESS);
+                    self.at += damped * (deviations / damped[place::PROCESS].sqrt());
+                }
             }
             return false;
         }
-        self.stable_at = Some(self.at);
+        self.stable = Some(Gaussian { mean: self.at, information: self.information });
         let Some(information) = self.information.cholesky() else { return true };
         let mut step = information.solve(&self.gradient);
-        let excess = step.component_div(&self.longest).amax();
+        let longest = known.diagonal().map(f64::sqrt) * LONGEST_STEP;
+        let excess = step.component_div(&longest).amax();
         if excess > 1.0 {
             step /= excess;
         }
@@ -371,10 +361,12 @@ impl Fit {
             return None;
         }
         self.stage = Stage::Idle;
-        // At the border of stability there is no maximum and no curvature that tells: what was known stands.
-        let borders = self.crossed && !settled;
-        let information = if borders { self.prior.information } else { self.information };
-        Some(Gaussian { mean: self.stable_at.unwrap_or(self.at), information })
+        let mut found = self.stable?;
+        if self.unstable {
+            // At the border there is no maximum and no curvature that tells: what was known stands.
+            found.information = self.prior.information;
+        }
+        Some(found)
     }
 }
 
@@ -384,36 +376,149 @@ mod tests {
     use super::super::roots::all;
     use super::*;
     use crate::units::SampleRate;
+    use std::ops::Range;
 
     const BAND_HZ: [f64; 2] = [480.0, 760.0];
+
+    fn band() -> BandBlocks {
+        BandBlocks::new(SampleRate::new(9000.0).unwrap(), BAND_HZ, 2.0)
+    }
 
     fn margin_1_s(condition: &Condition, at: &Parameters) -> f64 {
         -all(&Cut::new(condition, at), BAND_HZ).first().unwrap().re
     }
 
-    /// A fit of the spectrum of a stable cut that begins at an unstable one.
+    /// The example at the first pitch with such a margin.
+    fn stable_cut(margins_1_s: Range<f64>) -> (Condition, Parameters) {
+        let mut pitches = (0..600).map(|k| 0.06 + 1e-4 * f64::from(k)).map(example);
+        pitches.find(|(condition, at)| margins_1_s.contains(&margin_1_s(condition, at))).unwrap()
+    }
+
+    /// So much less process damping that the cut grows by this.
+    fn growing(condition: &Condition, at: &Parameters, growth_1_s: f64) -> Parameters {
+        let less = |k: i32| {
+            let mut less = *at;
+            less[place::PROCESS] -= 1e-3 * f64::from(k);
+            less
+        };
+        (0..4000).map(less).find(|at| margin_1_s(condition, at) < -growth_1_s).unwrap()
+    }
+
+    /// What is known at an entry, to this share of it.
+    fn known(mean: Parameters, share: f64) -> Gaussian {
+        Gaussian::independent(mean, &Criteria::DEFAULT.known.map(|sd| share * sd))
+    }
+
+    /// The spectrum itself of a cut.
+    fn block(band: &BandBlocks, condition: Condition, at: &Parameters) -> Block {
+        let cut = Cut::new(&condition, at);
+        let power = (0..band.bins).map(|bin| cut.density(band.half_bin_hz(2 * bin as i64)).total).collect();
+        Block { conditions: [condition; 2], power, expected: vec![false; band.bins] }
+    }
+
+    fn end(fit: &mut Fit, blocks: &[Block], band: &BandBlocks) -> Option<Gaussian> {
+        let mut found = None;
+        while fit.stage != Stage::Idle {
+            found = fit.advance(blocks, band);
+        }
+        found
+    }
+
+    fn follow(prior: &Gaussian, blocks: &[Block], band: &BandBlocks) -> Option<Gaussian> {
+        let mut fit = Fit::default();
+        fit.follow(prior, &prior.mean);
+        end(&mut fit, blocks, band)
+    }
+
+    /// One fit of the spectrum of a stable cut, with a prior whose mean is unstable.
     #[test]
     fn a_cut_that_has_a_spectrum_is_stable() {
-        let band = BandBlocks::new(SampleRate::new(9000.0).unwrap(), BAND_HZ, 2.0);
-        let pitches = (0..60).map(|k| 0.06 + 0.001 * f64::from(k));
-        let (condition, truth) =
-            pitches.map(example).find(|(c, at)| (5.0..9.0).contains(&margin_1_s(c, at))).unwrap();
-        let cut = Cut::new(&condition, &truth);
-        let power = (0..band.bins).map(|bin| cut.density(band.half_bin_hz(2 * bin as i64)).total).collect();
-        let blocks = [Block { conditions: [condition; 2], power, expected: vec![false; band.bins] }];
-        let mut start = truth;
-        start[place::PROCESS] -= 1.0;
-        start[place::DAMPING] -= 0.3;
-        assert!(margin_1_s(&condition, &start) < -3.0);
-        let deviations = Criteria::DEFAULT.known;
-        let prior = Gaussian::independent(start, &deviations);
-        let mut fit = Fit::default();
-        let mut found = prior;
-        for _ in 0..6 {
-            fit.follow(&prior, &Parameters::from(deviations), &found.mean);
-            found = (0..).find_map(|_: usize| fit.advance(&blocks, &band)).unwrap();
+        let band = band();
+        let (condition, truth) = stable_cut(5.0..9.0);
+        let mut mean = truth;
+        mean[place::PROCESS] -= 1.0;
+        mean[place::DAMPING] -= 0.3;
+        assert!(margin_1_s(&condition, &mean) < -3.0);
+        let found = follow(&known(mean, 1.0), &[block(&band, condition, &truth)], &band).unwrap();
+        let [found_1_s, true_1_s] = [found.mean, truth].map(|at| margin_1_s(&condition, &at));
+        // The prior's mean is 2.4 standard deviations off, toward less.
+        assert!((0.7 * true_1_s..true_1_s).contains(&found_1_s), "{found_1_s} for {true_1_s}");
+    }
+
+    /// What is known is carried forward across zero again and again; the spectrum is that of a cut just this
+    /// side of it.
+    #[test]
+    fn across_the_border_it_does_not_climb() {
+        let band = band();
+        for (margins_1_s, share) in [(1.2..1.6, 0.1), (1.2..1.6, 0.2), (1.2..1.6, 0.5), (3.0..4.0, 0.2)] {
+            let (condition, truth) = stable_cut(margins_1_s);
+            let blocks = [block(&band, condition, &truth)];
+            let true_1_s = margin_1_s(&condition, &truth);
+            let mut prior = known(growing(&condition, &truth, 0.3), share);
+            for second in 0..6 {
+                let found = follow(&prior, &blocks, &band).unwrap();
+                let found_1_s = margin_1_s(&condition, &found.mean);
+                assert!(
+                    (-0.1..true_1_s + 0.1).contains(&found_1_s),
+                    "{found_1_s} for {true_1_s}, {second} s"
+                );
+                prior = found.later(1.0, &Criteria::DEFAULT.drift).unwrap();
+                prior.mean = growing(&condition, &prior.mean, 0.3);
+            }
         }
-        let margin_1_s = margin_1_s(&condition, &found.mean);
-        assert!((1.0..15.0).contains(&margin_1_s), "{margin_1_s}");
+    }
+
+    /// All that the prior can take for true is unstable.
+    #[test]
+    fn without_a_stable_point_there_is_no_posterior() {
+        let band = band();
+        let (condition, at) = example(0.055);
+        let (other, truth) = stable_cut(5.0..9.0);
+        let blocks = [Block { conditions: [condition; 2], ..block(&band, other, &truth) }];
+        assert!(margin_1_s(&condition, &at) < -15.0);
+        assert_eq!(follow(&known(at, 0.02), &blocks, &band), None);
+    }
+
+    /// Stable in its middle, and in the mean of its two moments.
+    #[test]
+    fn a_block_whose_end_is_unstable_is_unstable() {
+        let band = band();
+        let (middle, at) = stable_cut(1.0..2.0);
+        let moved = |by_rad: f64| Condition { pitch_rad: middle.pitch_rad + by_rad, ..middle };
+        let mut by_rad = (1..200).map(|k| 1e-4 * f64::from(k));
+        let by_rad = by_rad.find(|by_rad| margin_1_s(&moved(-by_rad), &at) < -1.0).unwrap();
+        let conditions = [moved(by_rad), moved(-by_rad)];
+        assert!(margin_1_s(&conditions[0], &at) > 2.0);
+        let blocks = [Block { conditions, ..block(&band, middle, &at) }];
+        let mut fit = Fit::default();
+        fit.follow(&known(at, 1.0), &at);
+        (0..band.bins).for_each(|_| assert_eq!(fit.advance(&blocks, &band), None));
+        assert!(fit.unstable);
+    }
+
+    /// From everywhere in a fit that the prior draws over the border.
+    #[test]
+    fn it_goes_on_from_a_keyframe() {
+        let band = band();
+        let (condition, truth) = stable_cut(1.2..1.6);
+        let blocks = [block(&band, condition, &truth)];
+        let prior = known(growing(&condition, &truth, 3.0), 0.05);
+        let mut fit = Fit::default();
+        fit.follow(&prior, &growing(&condition, &truth, -0.1));
+        let found = end(&mut fit.clone(), &blocks, &band);
+        let (mut stable_then_not, mut advances) = (false, 0);
+        while fit.stage != Stage::Idle {
+            stable_then_not |= fit.stable.is_some() && fit.unstable;
+            if advances % 97 == 0 {
+                let mut words = Vec::new();
+                fit.keep(&mut words);
+                let mut again = Fit::default();
+                again.restore(&mut Words::new(&words)).unwrap();
+                assert_eq!(end(&mut again, &blocks, &band), found, "after {advances}");
+            }
+            fit.advance(&blocks, &band);
+            advances += 1;
+        }
+        assert!(stable_then_not);
     }
 }

@@ -252,6 +252,7 @@ pub(super) mod tests {
     use super::*;
     use crate::plant::cutting::TwoDelay;
     use crate::plant::scenario::{RawScenario, Scenario};
+    use crate::stability::count::Turn;
     use crate::stability::{Root, rightmost_root};
 
     /// The default scenario at a pitch, and what it says of the numbers that are not known.
@@ -328,9 +329,9 @@ pub(super) mod tests {
             let (condition, at) = example(pitch_rad);
             let growth_1_s = mapped(pitch_rad).growth_1_s;
             let cut = Cut::new(&condition, &at);
-            let along = |k: i32| cut.density(450.0 + 0.25 * f64::from(k)).difference;
-            let turned: f64 = (1..1600).map(|k| (along(k) * along(k - 1).conj()).arg()).sum();
-            assert_eq!(turned.abs() > PI, growth_1_s > 0.0, "{pitch_rad}: {turned} {growth_1_s}");
+            let mut turn = Turn::default();
+            (0..1600).for_each(|k| turn.to(cut.density(450.0 + 0.25 * f64::from(k)).difference));
+            assert_eq!(turn.rad.abs() > PI, growth_1_s > 0.0, "{pitch_rad}: {turn:?} {growth_1_s}");
         }
     }
 }

@@ -245,8 +245,8 @@ impl MarginMonitor {
     /// One sample; true when the margin begins to run out.
     ///
     /// Cost: two stores and six sums a sample, a transform of 1600 points a second, and what is worked at:
-    /// bins of the spectrum (0.5 us each; up to 25 a sample in the third second of a cut, one later) or a
-    /// point of the posterior (3 us).
+    /// bins of the spectrum (0.5 us each; up to 25 a sample in the third second of a cut, then one or two)
+    /// or a point of the posterior (3 us).
     pub fn step(&self, state: &mut MarginState, force_n: f64, conditions: &CutConditions) -> bool {
         state.chatters = conditions.chatter;
         let whole = self.band.push(&mut state.band, force_n);
@@ -419,19 +419,20 @@ impl MarginMonitor {
         let conditions = state.slices.travelled().map(|means| self.condition(state, &means));
         state.blocks[place].conditions = conditions;
         self.expect_interference(&mut state.blocks[place], &state.band);
-        let longest = Parameters::from(state.deviations);
         if joint {
             let prior = Gaussian::independent(self.settings.prior.means(), &state.deviations);
             if state.joined <= self.criteria.searched_blocks || !state.known {
-                state.fit.search(&prior, &longest);
+                state.fit.search(&prior);
             } else {
                 let from = state.posterior.mean;
-                state.fit.follow(&prior, &longest, &from);
+                state.fit.follow(&prior, &from);
             }
         } else {
             let seconds = state.age as f64 * self.band.slice_s();
-            let prior = state.posterior.later(seconds, &self.criteria.drift).unwrap_or(state.posterior);
-            state.fit.follow(&prior, &longest, &prior.mean);
+            let later = state.posterior.later(seconds, &self.criteria.drift);
+            // It stands where the fit has none.
+            state.posterior = later.unwrap_or(state.posterior);
+            state.fit.follow(&state.posterior, &state.posterior.mean);
         }
         state.age = 0;
         let samples = HOP as f64 * self.band.slice_s() * self.settings.sample_rate.hz();
