@@ -6,6 +6,7 @@ use super::likelihood::{Design, Fit, Spread, values, weights_of};
 use super::number::{Mechanics, Number, TURNING};
 use super::rounding::{accel_m_s2, rounding};
 use super::signals::{Layout, Path, Signals, Track};
+use super::sliding::{CLASSES, shares};
 use super::spectra::{FOLDS, Plan, Series};
 use crate::diagnosis::criteria::Criteria;
 use crate::plant::drive::DriveParams;
@@ -39,6 +40,8 @@ pub(super) struct Balance {
     newest: Mutex<Vec<Made>>,
     /// See [`Self::rounding`].
     rounding: OnceLock<Vec<Column>>,
+    /// Of two positions: how freely the axis slides in each recording.
+    pub(super) shares: Arc<Vec<[f64; CLASSES]>>,
     accel_of_steps: OnceLock<Vec<BandGram>>,
 }
 
@@ -74,10 +77,16 @@ impl Balance {
             let rests = |r: usize, k: usize| signals.tracks[r].rests.get(k).copied().unwrap_or(false);
             plan = plan.looking_at(|r, k| !rests(r, k));
         }
+        let of = |t: &Track| {
+            let class = |j: usize| t.classes.get(t.thin_first - t.full_first + j * signals.step).copied();
+            shares((0..t.thin_count()).filter(|j| !t.masked[*j]).map(|j| class(j).unwrap_or(0)))
+        };
+        let shares = Arc::new(signals.tracks.iter().map(of).collect());
         Self {
             drive,
             signals,
             plan,
+            shares,
             clock_moved,
             stage_later_s,
             read_right: Vec::new(),
@@ -164,14 +173,16 @@ impl Balance {
             operator: None,
         };
         let spring = |order: i32, of: &dyn Fn(&super::signals::Thin) -> Vec<f64>| TimeColumn {
-            operator: Some(Arc::new(move |w| [1.0, -1.0, -1.0, 1.0].map(|sign| sign * derivative(w, order)))),
+            operator: Some(Arc::new(move |p| {
+                [1.0, -1.0, -1.0, 1.0].map(|sign| sign * derivative(p.rad_s, order))
+            })),
             ..coupled(of)
         };
         let own = |side: usize, order: i32, of: &dyn Fn(&super::signals::Thin) -> Vec<f64>| {
             let mut column = TimeColumn::default();
             column.sides[if two { side } else { 0 }] = Some(each(of));
             let at = [1.0 - side as f64, 0.0, 0.0, side as f64];
-            column.operator = Some(Arc::new(move |w| at.map(|at| at * derivative(w, order))));
+            column.operator = Some(Arc::new(move |p| at.map(|at| at * derivative(p.rad_s, order))));
             column
         };
         let last = usize::from(two);
@@ -202,7 +213,7 @@ impl Balance {
         match number {
             N::MotorCoulomb | N::StageCoulomb | N::MotorTurning(_) | N::StageTurning(_) => {
                 let side = usize::from(self.signals.sides() == 2 && number.is_of_stage());
-                TimeColumn::at(side, self.signals.each(|t| state.dry(t, side, number.part())))
+                state.dry(side, number.part())
             }
             N::Timing => {
                 let by = TIMING_STEP / self.signals.rate_hz;
@@ -279,7 +290,7 @@ impl Balance {
     /// A column's spectra.
     pub(super) fn column(&self, time: &TimeColumn) -> Column {
         let points = &self.plan.points;
-        let response = time.operator.as_ref().map(|of| points.iter().map(|p| of(p.rad_s)).collect());
+        let response = time.operator.as_ref().map(|of| points.iter().map(|p| of(p)).collect());
         Column {
             sides: [0, 1].map(|k| time.sides[k].as_ref().map(|s| self.plan.transform(&self.weighted(s)))),
             response: response.map(Arc::new),

@@ -6,7 +6,8 @@
 
 use super::number::{Mechanics, TURNING};
 use super::signals::{Layout, Path, Signals, Track, difference};
-use super::spectra::{Response, Series};
+use super::sliding::{Follows, slopes};
+use super::spectra::{Point, Response, Series};
 use crate::plant::effects::Port;
 use crate::plant::effects::backlash::play;
 use crate::plant::effects::coulomb_friction::sliding_direction;
@@ -18,8 +19,9 @@ use std::sync::Arc;
 /// A relative step over which a law is differentiated by a constant.
 pub(super) const DIFFERENCE: f64 = 1e-3;
 
-/// A response as a function of w, rad/s. `None` for what is no linear function of the positions.
-pub(super) type Operator = Option<Arc<dyn Fn(f64) -> Response + Send + Sync>>;
+/// A response at a frequency, with the slopes of friction in its class. `None` for what is no function of the
+/// positions.
+pub(super) type Operator = Option<Arc<dyn Fn(&Point) -> Response + Send + Sync>>;
 
 /// (i w)^order.
 pub(super) fn derivative(w: f64, order: i32) -> Complex<f64> {
@@ -66,8 +68,8 @@ impl TimeColumn {
         for (column, amplitude) in columns {
             let more = column.operator.clone();
             out.operator = match (out.operator.take(), more) {
-                (Some(a), Some(b)) => Some(Arc::new(move |w| added(&a(w), amplitude, &b(w)))),
-                (None, Some(b)) => Some(Arc::new(move |w| b(w).map(|r| amplitude * r))),
+                (Some(a), Some(b)) => Some(Arc::new(move |p| added(&a(p), amplitude, &b(p)))),
+                (None, Some(b)) => Some(Arc::new(move |p| b(p).map(|r| amplitude * r))),
                 (a, None) => a,
             };
             for (sum, side) in out.sides.iter_mut().zip(&column.sides) {
@@ -135,13 +137,15 @@ impl<'a> Ground<'a> {
         port: Port,
         full: impl Fn(&Track) -> Vec<Vec<f64>>,
         springs: &[SpringLaw],
+        follows: Option<Follows>,
     ) -> Vec<TimeColumn> {
         let signs = self.signs(port);
-        let mut out: Vec<TimeColumn> = Vec::new();
+        let (mut out, mut followed): (Vec<TimeColumn>, Vec<Series>) = Default::default();
         for (r, track) in self.signals.tracks.iter().enumerate() {
             for (k, full) in full(track).into_iter().enumerate() {
                 if r == 0 {
                     out.push(TimeColumn::default());
+                    followed.push(Vec::new());
                 }
                 let thin = self.signals.filtered(track, &full, 0);
                 for side in 0..2 {
@@ -150,13 +154,36 @@ impl<'a> Ground<'a> {
                         out[k].sides[side].get_or_insert_with(Vec::new).push(signed);
                     }
                 }
+                if follows.is_some() {
+                    followed[k].push(full);
+                }
             }
         }
         for (column, stiffness) in out.iter_mut().zip(self.mean_stiffness(springs)) {
             column.operator =
                 Some(Arc::new(move |_| [1.0, -1.0, -1.0, 1.0].map(|s| Complex::new(s * stiffness, 0.0))));
         }
+        if let Some(follows) = follows {
+            let operators = followed.iter().map(|full| self.friction(self.side(port), follows, full));
+            out.iter_mut().zip(operators).for_each(|(column, operator)| column.operator = operator);
+        }
         out
+    }
+
+    /// What a force that follows the motion of a side makes of it, where there is a Jacobian of more than a
+    /// mass.
+    fn friction(&self, side: usize, follows: Follows, full: &[Vec<f64>]) -> Operator {
+        if self.signals.sides() == 1 {
+            return None;
+        }
+        let motion = |track: &'a Track| match follows {
+            Follows::Speed => &track.sides[side].v_m_s[..],
+            Follows::Way => &track.sides[side].x_m[..],
+        };
+        let all = self.signals.tracks.iter().zip(full);
+        let slopes = slopes(all.map(|(track, full)| (&full[..], motion(track), &track.classes[..])));
+        let at = [1.0 - side as f64, 0.0, 0.0, side as f64];
+        Some(Arc::new(move |p| at.map(|at| p.of_slopes(follows, &slopes) * at)))
     }
 
     /// A function of the time in one recording, s since it began; nothing in the others.
@@ -173,10 +200,9 @@ impl<'a> Ground<'a> {
         let side = self.side(port);
         let of = |track: &Track| {
             let at = self.at(port, track);
-            let force = at.x_m.iter().zip(at.v_m_s).map(|(x, v)| law.force_n(*x, *v, self.smoothing_m_s));
-            self.signals.filtered(track, &force.collect::<Vec<f64>>(), 0)
+            at.x_m.iter().zip(at.v_m_s).map(|(x, v)| law.force_n(*x, *v, self.smoothing_m_s)).collect()
         };
-        TimeColumn::at(side, self.signals.each(of))
+        self.of_motion(side, &self.signals.each(of))
     }
 
     /// Signs of a force at a port: at motor and stage.
@@ -221,7 +247,27 @@ impl<'a> Ground<'a> {
     /// Unit dry friction of a side, thinned, or what one of its parts is more than the usual form: a part is
     /// in place of it, and the level of friction is one number. Of one position it turns with the stage, and
     /// the last part with the motor, where the stage follows by a stated screw.
-    pub(super) fn dry(&self, track: &Track, side: usize, part: Option<usize>) -> Vec<f64> {
+    pub(super) fn dry(&self, side: usize, part: Option<usize>) -> TimeColumn {
+        let full = self.signals.each(|track| self.dry_full(track, side, part));
+        match part {
+            None => self.of_motion(side, &full),
+            Some(_) => TimeColumn::at(side, self.thinned(&full)),
+        }
+    }
+
+    /// A force that is a function of speed and position, from its full-rate series.
+    fn of_motion(&self, side: usize, full: &[Vec<f64>]) -> TimeColumn {
+        let operator = self.friction(side, Follows::Speed, full);
+        TimeColumn { operator, ..TimeColumn::at(side, self.thinned(full)) }
+    }
+
+    /// Full-rate series of each recording, filtered and thinned.
+    fn thinned(&self, full: &[Vec<f64>]) -> Series {
+        self.signals.tracks.iter().zip(full).map(|(t, full)| self.signals.filtered(t, full, 0)).collect()
+    }
+
+    /// The same of one recording at the full rate.
+    pub(super) fn dry_full(&self, track: &Track, side: usize, part: Option<usize>) -> Vec<f64> {
         let (v, v_s) = (&track.sides[self.signals.moved_side(side)].v_m_s, self.smoothing_m_s);
         let mut slides: Vec<f64> = v.iter().map(|v| sliding_direction(*v, v_s)).collect();
         if let Some(part) = part {
@@ -234,7 +280,7 @@ impl<'a> Ground<'a> {
             };
             slides.iter_mut().zip(other).for_each(|(s, o)| *s = o - *s);
         }
-        self.signals.filtered(track, &slides, 0)
+        slides
     }
 
     /// What the model needs more where thrust comes another way.
@@ -270,7 +316,8 @@ impl<'a> Ground<'a> {
         let of = self.read_at(port);
         let error = |t: &Track| vec![read_error_m(&t.sides[self.side(port)].x_m, extra_s * t.rate_hz)];
         let mut out = self.encoder(port, error);
-        let operator = Arc::new(move |w: f64| {
+        let operator = Arc::new(move |p: &Point| {
+            let w = p.rad_s;
             let read = 1.0 - Complex::from_polar(1.0, w * extra_s);
             let coupled = read * Complex::new(of.spring_n_m, w * of.damper_n_s_m);
             let own = read * Complex::new(of.mass_kg * w * w, -w * of.damping_n_s_m) - coupled;

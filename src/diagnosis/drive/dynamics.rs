@@ -10,6 +10,7 @@
 //! the force less friction, log p(x | F) p(F) and log p(F | x) p(x) differ by log |F|^2 - log |P x|^2.
 
 use super::gram::{BandGram, Column};
+use super::sliding::CLASSES;
 use super::spectra::{Point, Response};
 use nalgebra::{DMatrix, DVector};
 use rustfft::num_complex::Complex;
@@ -31,12 +32,14 @@ pub(super) struct Dynamics {
     points: Arc<Vec<Point>>,
     moving: Vec<Moving>,
     idle: Idle,
+    /// Of each recording, share of its time in each class.
+    shares: Arc<Vec<[f64; CLASSES]>>,
 }
 
 impl Dynamics {
     /// Nothing yet at these frequencies; none: a rigid mass, whose Jacobian is its mass.
-    pub(super) fn at(points: Arc<Vec<Point>>) -> Self {
-        Self { points, moving: Vec::new(), idle: Arc::default() }
+    pub(super) fn at(points: Arc<Vec<Point>>, shares: Arc<Vec<[f64; CLASSES]>>) -> Self {
+        Self { points, moving: Vec::new(), idle: Arc::default(), shares }
     }
 
     /// With bands whose recorded force moves nothing.
@@ -59,16 +62,15 @@ impl Dynamics {
 
     /// Sum of log |det P|^2 over the values of all bands, nats.
     pub(super) fn log_det(&self, bands: &[BandGram], beta: &[f64]) -> f64 {
-        let of_band = self.of_bands(bands);
+        let of_point = self.of_points(bands);
         let log = |weight: f64, p: Complex<f64>| {
             if weight > 0.0 { weight * p.norm_sqr().max(1e-300).ln() } else { 0.0 }
         };
-        let of = |(k, point): (usize, &Point)| {
-            let [both, stage] = of_band.get(point.band).map_or([0.0; 2], |v| v.map(|v| point.share * v));
+        let of = |(k, [both, stage]): (usize, [f64; 2])| {
             let axis = self.axis(k, beta);
             log(both, determinant(&axis)) + log(stage, axis[3])
         };
-        self.points.iter().enumerate().map(of).sum()
+        of_point.into_iter().enumerate().map(of).sum()
     }
 
     /// Adds half the gradient of -sum log |det P|^2 to `gradient` and half a curvature above its own to `a`.
@@ -79,14 +81,13 @@ impl Dynamics {
         a: &mut DMatrix<f64>,
         gradient: &mut DVector<f64>,
     ) {
-        let of_band = self.of_bands(bands);
+        let of_point = self.of_points(bands);
         let none = Complex::new(0.0, 0.0);
         let mut turned: Vec<Response> = Vec::with_capacity(self.moving.len());
-        for (k, point) in self.points.iter().enumerate() {
+        for (k, [both, stage]) in of_point.into_iter().enumerate() {
             let axis = self.axis(k, beta);
             let det = determinant(&axis);
             let inverse = [axis[3] / det, -axis[1] / det, -axis[2] / det, axis[0] / det];
-            let [both, stage] = of_band.get(point.band).map_or([0.0; 2], |v| v.map(|v| point.share * v));
             if both > 0.0 && det.norm_sqr() > 1e-300 {
                 turned.clear();
                 turned.extend(self.moving.iter().map(|m| product(&inverse, &m.response[k])));
@@ -116,14 +117,19 @@ impl Dynamics {
         }
     }
 
-    /// Values of each band, halved for the overlap: those whose Jacobian is of both balances, and of the
+    /// Values of each point, halved for the overlap: those whose Jacobian is of both balances, and of the
     /// stage's alone.
-    fn of_bands(&self, bands: &[BandGram]) -> Vec<[f64; 2]> {
-        let mut out = vec![[0.0; 2]; bands.iter().map(|b| b.band + 1).max().unwrap_or(0)];
+    fn of_points(&self, bands: &[BandGram]) -> Vec<[f64; 2]> {
+        let count = bands.iter().map(|b| b.band + 1).max().unwrap_or(0);
+        let mut of_band = vec![[[0.0; 2]; CLASSES]; count];
         for b in bands {
-            out[b.band][usize::from(self.idle.contains(&(b.recording, b.band)))] += 0.5 * b.values;
+            let stage = usize::from(self.idle.contains(&(b.recording, b.band)));
+            for (values, share) in of_band[b.band].iter_mut().zip(&self.shares[b.recording]) {
+                values[stage] += 0.5 * share * b.values;
+            }
         }
-        out
+        let of = |p: &Point| of_band.get(p.band).map_or([0.0; 2], |v| v[p.class].map(|v| p.share * v));
+        self.points.iter().map(of).collect()
     }
 
     fn axis(&self, k: usize, beta: &[f64]) -> Response {
@@ -146,4 +152,65 @@ fn product(a: &Response, b: &Response) -> Response {
         a[2] * b[0] + a[3] * b[2],
         a[2] * b[1] + a[3] * b[3],
     ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::sliding::{Follows, slopes};
+    use super::*;
+    use std::f64::consts::PI;
+
+    /// log |det|^2 of the force by the motion of a mass below an eighth of the rate, friction F tanh(v / v_s)
+    /// linearised at each sample: in a basis of sines and cosines, friction is no function of the frequency.
+    fn exact(mass_kg: f64, damper: &[f64], modes: usize) -> f64 {
+        let n = damper.len();
+        let basis = |k: usize, t: usize, order: i32| {
+            let (w, phase) = (2.0 * PI * (k / 2 + 1) as f64 / n as f64, PI * 0.5 * (k % 2) as f64);
+            let turned = phase + 0.5 * PI * f64::from(order);
+            w.powi(order) * (2.0 / n as f64).sqrt() * (w * t as f64 + turned).sin()
+        };
+        let force = |k: usize, t: usize| mass_kg * basis(k, t, 2) + damper[t] * basis(k, t, 1);
+        let of = |i: usize, k: usize| (0..n).map(|t| basis(i, t, 0) * force(k, t)).sum::<f64>();
+        let eigen = DMatrix::from_fn(2 * modes, 2 * modes, of).complex_eigenvalues();
+        eigen.iter().map(|e| e.norm_sqr().ln()).sum::<f64>()
+    }
+
+    #[test]
+    fn the_jacobian_of_an_axis_that_sticks_is_a_mean_over_the_time() {
+        let (n, modes) = (256, 32);
+        let of_mass = |mass_kg: f64, stuck: usize| {
+            let damper: Vec<f64> = (0..n).map(|t| if t < stuck { 40.0 } else { 0.0 }).collect();
+            let class = |t: usize| if t < stuck { 3 } else { 0 };
+            let classes: Vec<u8> = (0..n).map(class).collect();
+            let speed: Vec<f64> = (0..n).map(|t| (t as f64).sin()).collect();
+            let force: Vec<f64> = speed.iter().zip(&damper).map(|(v, s)| v * s).collect();
+            let slopes = slopes([(&force[..], &speed[..], &classes[..])].into_iter());
+            let share = stuck as f64 / n as f64;
+            let points = (0..modes).flat_map(|k| {
+                let rad_s = 2.0 * PI * (k + 1) as f64 / n as f64;
+                [0, 3].map(|class| Point { band: 0, share: 1.0 / modes as f64, rad_s, class })
+            });
+            let points: Vec<Point> = points.collect();
+            let mut of =
+                Dynamics::at(Arc::new(points.clone()), Arc::new(vec![[1.0 - share, 0.0, 0.0, share]]));
+            let mut add = |place: usize, response: &dyn Fn(&Point) -> Response| {
+                let response = Some(Arc::new(points.iter().map(response).collect()));
+                of.add(place, &Column { sides: [None, None], response });
+            };
+            let [zero, one] = [0.0, 1.0].map(|re| Complex::new(re, 0.0));
+            add(0, &|_| [one, zero, zero, zero]);
+            add(1, &|p| [zero, zero, zero, Complex::new(-p.rad_s * p.rad_s, 0.0)]);
+            add(2, &|p| [zero, zero, zero, p.of_slopes(Follows::Speed, &slopes)]);
+            let products = [vec![0.0], vec![0.0], vec![0.0]];
+            let band = BandGram { recording: 0, band: 0, values: 4.0 * modes as f64, order: 1, products };
+            [of.log_det(&[band], &[1.0, mass_kg, 1.0]), exact(mass_kg, &damper, modes)]
+        };
+        for stuck in [0, 64, 128] {
+            let [lighter, heavier] = [10.0, 20.0].map(|mass_kg| of_mass(mass_kg, stuck));
+            // What a mass twice as large is worth, of 2 ln 2 a value.
+            let [said, true_nats] = [heavier[0] - lighter[0], heavier[1] - lighter[1]];
+            let free = 2.0 * 2.0f64.ln() * 2.0 * modes as f64;
+            assert!((said - true_nats).abs() < 0.05 * free, "{stuck}: {said} {true_nats} {free}");
+        }
+    }
 }

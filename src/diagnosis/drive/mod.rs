@@ -33,6 +33,7 @@ mod rounding;
 mod second_mass;
 mod series;
 mod signals;
+mod sliding;
 mod spectra;
 mod standstill;
 mod state;

@@ -6,6 +6,7 @@ use super::one_mass::THINNED_PER_BAND;
 pub(in crate::diagnosis) use super::reads::Layout;
 use super::reads::{KERNELS, Read, Side, band_hz, clean_band_hz, positions, stage_behind, stage_is_finer};
 use super::recorded::{Thrust, has_both_positions, is_locked, motor_position, position, position_at, thrust};
+use super::sliding::classes;
 use super::spectra::{SHORTEST_BLOCK, Series};
 use super::standstill::standstill;
 use super::turning::{Bands, Turning};
@@ -48,6 +49,8 @@ pub(super) struct Track {
     pub(super) masked: Vec<bool>,
     /// What both balances are multiplied by, thinned, one in the mean square; see [`Signals::weight`].
     pub(super) weight: Vec<f64>,
+    /// Of two positions: how freely each full-rate sample slides.
+    pub(super) classes: Vec<u8>,
     /// Thinned samples in which the axis rests, where there is one position: friction balances what there is.
     pub(super) rests: Vec<bool>,
 }
@@ -264,6 +267,7 @@ impl Signals {
             Layout::TwoPositions | Layout::Locked => Vec::new(),
         };
         let weight = self.weight(&sides, velocity_hz, Grid { first: thin_first - full_first, ..thin });
+        let classes = if self.sides() == 2 { self.classes(&sides) } else { Vec::new() };
         let masked = near(mask, self.kernels[0].half());
         let rests = near(&stands, (ring_s(self.band_hz) * self.rate_hz) as usize);
         Ok(Track {
@@ -280,6 +284,7 @@ impl Signals {
             thin: out,
             masked,
             weight,
+            classes,
             rests,
         })
     }
@@ -305,6 +310,14 @@ impl Signals {
             hidden[0].iter().zip(&hidden[1]).map(most).map(|h| h.max(1.0).recip()).collect();
         let mean = rms(&weight);
         weight.iter().map(|w| w / mean).collect()
+    }
+
+    /// How freely each full-rate sample slides, as a band of the balance sees it.
+    fn classes(&self, sides: &[Side; 2]) -> Vec<u8> {
+        let turns = |v: &f64| (v / self.smoothing_m_s).cosh().powi(-2);
+        let pairs = sides[0].v_m_s.iter().zip(&sides[1].v_m_s);
+        let both: Vec<f64> = pairs.map(|(m, s)| 0.5 * (turns(m) + turns(s))).collect();
+        classes(&self.low_passed(&both))
     }
 
     /// The low-pass of a band, of the signal that much later.

@@ -6,6 +6,7 @@
 //! Blocks overlap by half under a sine window, whose squares add to one: sums of squares over all bins are
 //! sums of squares over time.
 
+use super::sliding::{CLASSES, Follows};
 use realfft::num_complex::Complex;
 use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
 use std::f64::consts::PI;
@@ -40,6 +41,19 @@ pub(super) struct Point {
     /// Share of the values of its band that it stands for.
     pub(super) share: f64,
     pub(super) rad_s: f64,
+    /// Of how freely the axis slides.
+    pub(super) class: usize,
+}
+
+impl Point {
+    /// What a force with these slopes makes of the position that it follows.
+    pub(super) fn of_slopes(&self, follows: Follows, slopes: &[f64; CLASSES]) -> Complex<f64> {
+        let slope = Complex::new(slopes[self.class], 0.0);
+        match follows {
+            Follows::Speed => slope * Complex::new(0.0, self.rad_s),
+            Follows::Way => slope,
+        }
+    }
 }
 
 /// One recording, fold and band.
@@ -289,12 +303,15 @@ fn points(bands: &[[usize; 2]], bin_hz: f64) -> Vec<Point> {
     /// Over all bands: a resonance of 2 % damping at half of the band has three.
     const POINTS: usize = 200;
     let stride = (bands.last().map_or(0, |b| b[1]) / POINTS).max(1);
-    let of = |(band, [from, to]): (usize, &[usize; 2])| {
-        let bins: Vec<usize> = ((*from).max(1)..*to).step_by(stride).collect();
+    let of = |class: usize, (band, [from, to]): (usize, &[usize; 2])| {
+        // An axis that friction holds has no resonance: one point.
+        let [first, stride] =
+            if class == 0 { [(*from).max(1), stride] } else { [(from + to) / 2, to - from] };
+        let bins: Vec<usize> = (first..*to).step_by(stride).collect();
         let share = 1.0 / bins.len().max(1) as f64;
-        bins.into_iter().map(move |k| Point { band, share, rad_s: 2.0 * PI * k as f64 * bin_hz })
+        bins.into_iter().map(move |k| Point { band, share, rad_s: 2.0 * PI * k as f64 * bin_hz, class })
     };
-    bands.iter().enumerate().flat_map(of).collect()
+    (0..CLASSES).flat_map(|class| bands.iter().enumerate().flat_map(move |band| of(class, band))).collect()
 }
 
 /// The longest block that the recordings have room for. Masks cut them into pieces: then the longest that

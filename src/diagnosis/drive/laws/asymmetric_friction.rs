@@ -17,7 +17,10 @@ pub(crate) struct Asymmetric {
 impl Law for Asymmetric {
     fn facts(&self) -> Facts {
         let amplitudes = if self.viscous { &[DRY, VISCOUS][..] } else { &[DRY] };
-        Facts::of(EffectKind::AsymmetricFriction, Size::Free, amplitudes)
+        Facts {
+            follows: Some(Follows::Speed),
+            ..Facts::of(EffectKind::AsymmetricFriction, Size::Free, amplitudes)
+        }
     }
 
     /// Friction resists both ways: no difference is more than twice its level.

@@ -9,7 +9,7 @@ use crate::plant::effects::presliding_friction::YIELD;
 pub(super) const EFFECT: Effect = Effect {
     candidates: |search| {
         let shapes = match search.signals.layout {
-            Layout::TwoPositions => between_positions(search),
+            Layout::TwoPositions => between_positions(search.balance),
             Layout::Locked => gaps(search.balance),
             Layout::OnePosition => plays(search),
         };
@@ -30,8 +30,8 @@ pub(super) const EFFECT: Effect = Effect {
     ..Effect::of(&SPECIFICATION)
 };
 
-fn between_positions(search: &Search<'_>) -> Vec<Shape> {
-    let stretch: Vec<f64> = search.signals.tracks.iter().map(|t| rms(&t.thin.stretch)).collect();
+fn between_positions(balance: &Balance) -> Vec<Shape> {
+    let stretch: Vec<f64> = balance.signals.tracks.iter().map(|t| rms(&t.thin.stretch)).collect();
     let size_m = rms(&stretch);
     let of = |share: f64| [false, true].map(|loose| Backlash { gap_m: share * size_m, loose }.into());
     [0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.0].into_iter().flat_map(of).collect()
@@ -106,6 +106,11 @@ impl Law for Backlash {
     fn springs(&self, ground: &Ground<'_>) -> Vec<SpringLaw> {
         let (k, zero, gap_m) = (ground.mechanics.stiffness_n_m, ground.zero_m(), self.gap_m);
         vec![Box::new(move |d, _| k * (after_backlash(d + zero, gap_m) - (d + zero)))]
+    }
+
+    /// A small part of a wide gap looks like all of a narrow one on the grid.
+    fn starts(&self, balance: &Balance) -> Vec<Shape> {
+        between_positions(balance)
     }
 
     /// Whether the gap takes the damper, too.

@@ -40,9 +40,7 @@ impl Law for Smoothing {
     /// Dry friction of each side: it takes the place of that of the numbers.
     fn columns(&self, ground: &Ground<'_>, _: Port) -> Option<Vec<TimeColumn>> {
         let other = Ground { smoothing_m_s: self.speed_m_s, ..*ground };
-        let of =
-            |side: usize| TimeColumn::at(side, ground.signals.each(|track| other.dry(track, side, None)));
-        Some((0..ground.signals.sides()).map(of).collect())
+        Some((0..ground.signals.sides()).map(|side| other.dry(side, None)).collect())
     }
 
     fn move_number(&self, now: &mut Standing, _: &Balance) -> bool {

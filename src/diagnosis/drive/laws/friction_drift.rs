@@ -29,7 +29,7 @@ pub(crate) struct Drift {
 
 impl Law for Drift {
     fn facts(&self) -> Facts {
-        Facts::of(EffectKind::FrictionDrift, Size::Free, &[])
+        Facts { follows: Some(Follows::Speed), ..Facts::of(EffectKind::FrictionDrift, Size::Free, &[]) }
     }
 
     fn tell(&self, told: &Told<'_>, sheet: &mut Sheet) -> bool {

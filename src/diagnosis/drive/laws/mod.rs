@@ -41,6 +41,8 @@ use super::gram::Column;
 use super::lines::{Demodulated, strongest_off};
 use super::number::Mechanics;
 use super::signals::{Layout, Path, Signals, Track};
+use super::sliding::Follows;
+use super::spectra::Point;
 use crate::diagnosis::criteria::{Criteria, Z95};
 use crate::diagnosis::result::ForceFaultKind;
 use crate::plant::drive::RawDriveParams;
@@ -83,6 +85,10 @@ pub(crate) struct Facts {
     pub(crate) is_dry_friction: bool,
     /// It stands in the place of the dry friction of the numbers.
     pub(crate) replaces_friction: bool,
+    /// The level of the stage's dry friction is its mean, and stays where it is beside it.
+    pub(crate) holds_level: bool,
+    /// What it follows as dry friction does: a disturbance moves the axis the less.
+    pub(crate) follows: Option<Follows>,
     /// It is made of numbers of the structure, all of its size in its constants.
     pub(crate) moves_with_numbers: bool,
     /// Its constants trade along a valley: the first alone must be determined.
@@ -101,6 +107,8 @@ impl Facts {
             turns_friction: false,
             is_dry_friction: false,
             replaces_friction: false,
+            holds_level: false,
+            follows: None,
             moves_with_numbers: false,
             trades: false,
         }
@@ -351,8 +359,10 @@ impl Hypothesis {
 
     /// Its columns of the balance.
     pub(crate) fn columns(&self, ground: &Ground<'_>) -> Vec<TimeColumn> {
-        let forces =
-            || ground.forces(self.port, |track| self.full(ground, track), &self.law().springs(ground));
+        let forces = || {
+            let (springs, follows) = (self.law().springs(ground), self.facts().follows);
+            ground.forces(self.port, |track| self.full(ground, track), &springs, follows)
+        };
         self.law().columns(ground, self.port).unwrap_or_else(forces)
     }
 

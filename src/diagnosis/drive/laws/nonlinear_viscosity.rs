@@ -13,7 +13,10 @@ pub(crate) struct NonlinearViscosity;
 
 impl Law for NonlinearViscosity {
     fn facts(&self) -> Facts {
-        Facts::of(EffectKind::NonlinearViscosity, Size::Positive, &[COEFFICIENT])
+        Facts {
+            follows: Some(Follows::Speed),
+            ..Facts::of(EffectKind::NonlinearViscosity, Size::Positive, &[COEFFICIENT])
+        }
     }
 
     fn full(&self, at: &At<'_>) -> Vec<Vec<f64>> {

@@ -63,7 +63,8 @@ struct Table {
 
 impl Law for Map {
     fn facts(&self) -> Facts {
-        Facts::of(EffectKind::PositionDependentForce, Size::Free, &[])
+        let facts = Facts::of(EffectKind::PositionDependentForce, Size::Free, &[]);
+        Facts { holds_level: self.flips, ..facts }
     }
 
     fn sizes(&self, _: &Signals) -> Vec<Shape> {
@@ -113,10 +114,8 @@ impl Law for Map {
         let [low, high] = abscissa.iter().flatten().fold([f64::INFINITY, f64::NEG_INFINITY], ends);
         let spacing = (high - low).max(1e-300) / self.pieces as f64;
         // The direction as the friction of the balance has it; a spline is slow beside it.
-        let direction = signals.each(|track| match self.flips {
-            true => ground.dry(track, side, None),
-            false => vec![1.0; track.thin_count()],
-        });
+        let dry = self.flips.then(|| ground.dry(side, None).sides[side].take()).flatten();
+        let direction = dry.unwrap_or_else(|| signals.each(|track| vec![1.0; track.thin_count()]));
         let column = |k: usize| {
             let of = |(x, direction): (&Vec<f64>, &Vec<f64>)| {
                 let place = |x: &f64| (x - low) / spacing - k as f64 + 3.0;

@@ -34,7 +34,7 @@ pub(crate) struct Presliding {
 impl Law for Presliding {
     fn facts(&self) -> Facts {
         let facts = Facts::of(EffectKind::PreslidingFriction, Size::Positive, &[]);
-        Facts { turns_friction: true, is_dry_friction: true, ..facts }
+        Facts { turns_friction: true, is_dry_friction: true, follows: Some(Follows::Way), ..facts }
     }
 
     fn tell(&self, told: &Told<'_>, sheet: &mut Sheet) -> bool {

@@ -21,7 +21,10 @@ pub(crate) struct Stribeck {
 
 impl Law for Stribeck {
     fn facts(&self) -> Facts {
-        Facts::of(EffectKind::StribeckFriction, Size::Positive, &[FORCE])
+        Facts {
+            follows: Some(Follows::Speed),
+            ..Facts::of(EffectKind::StribeckFriction, Size::Positive, &[FORCE])
+        }
     }
 
     fn constants(&mut self) -> Vec<Free<'_>> {

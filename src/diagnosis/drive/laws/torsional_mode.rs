@@ -53,7 +53,8 @@ impl ThirdInertia {
         let c = 2.0 * self.damping * (k * screw_kg).sqrt();
         let (spring, damper, twisted, turned) = (m.stiffness_n_m, m.structural_damping_n_s_m, k, c);
         // As a function of the positions, motor and stage.
-        let operator = move |w: f64| {
+        let operator = move |p: &Point| {
+            let w = p.rad_s;
             let i = Complex::new(0.0, w);
             let axial = spring + damper * i;
             let load = [axial - screw_kg * w * w, -axial];
