@@ -7,7 +7,7 @@ use super::number::{Mechanics, Number, TURNING};
 use super::rounding::{accel_m_s2, rounding};
 use super::signals::{Layout, Path, Signals, Track};
 use super::sliding::{CLASSES, shares};
-use super::spectra::{FOLDS, Plan, Series};
+use super::spectra::{FOLDS, Plan, Point, Series};
 use crate::diagnosis::criteria::Criteria;
 use crate::plant::drive::DriveParams;
 use crate::plant::effects::Port;
@@ -42,6 +42,8 @@ pub(super) struct Balance {
     rounding: OnceLock<Vec<Column>>,
     /// Of two positions: how freely the axis slides in each recording.
     pub(super) shares: Arc<Vec<[f64; CLASSES]>>,
+    /// Where the Jacobian is taken; none: the axis is one mass.
+    pub(super) points: Arc<Vec<Point>>,
     accel_of_steps: OnceLock<Vec<BandGram>>,
 }
 
@@ -77,16 +79,19 @@ impl Balance {
             let rests = |r: usize, k: usize| signals.tracks[r].rests.get(k).copied().unwrap_or(false);
             plan = plan.looking_at(|r, k| !rests(r, k));
         }
-        let of = |t: &Track| {
+        let of = |t: &Track| -> Vec<u8> {
             let class = |j: usize| t.classes.get(t.thin_first - t.full_first + j * signals.step).copied();
-            shares((0..t.thin_count()).filter(|j| !t.masked[*j]).map(|j| class(j).unwrap_or(0)))
+            (0..t.thin_count()).filter(|j| !t.masked[*j]).map(|j| class(j).unwrap_or(0)).collect()
         };
-        let shares = Arc::new(signals.tracks.iter().map(of).collect());
+        let classes: Vec<Vec<u8>> = signals.tracks.iter().map(of).collect();
+        let points = Arc::new(plan.points(&shares(classes.iter().flatten())));
+        let shares = Arc::new(classes.iter().map(|of| shares(of.iter())).collect());
         Self {
             drive,
             signals,
             plan,
             shares,
+            points,
             clock_moved,
             stage_later_s,
             read_right: Vec::new(),
@@ -289,8 +294,7 @@ impl Balance {
 
     /// A column's spectra.
     pub(super) fn column(&self, time: &TimeColumn) -> Column {
-        let points = &self.plan.points;
-        let response = time.operator.as_ref().map(|of| points.iter().map(|p| of(p)).collect());
+        let response = time.operator.as_ref().map(|of| self.points.iter().map(|p| of(p)).collect());
         Column {
             sides: [0, 1].map(|k| time.sides[k].as_ref().map(|s| self.plan.transform(&self.weighted(s)))),
             response: response.map(Arc::new),

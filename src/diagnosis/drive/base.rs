@@ -176,7 +176,7 @@ pub(super) fn base(balance: &Balance, (now, idle): (&Standing, Option<Idle>), ac
         columns: Vec::new(),
         bounds: Vec::new(),
         dry: dry_of(&numbers),
-        dynamics: Dynamics::at(plan.points.clone(), balance.shares.clone()),
+        dynamics: Dynamics::at(balance.points.clone(), balance.shares.clone()),
         masses: numbers
             .iter()
             .enumerate()

@@ -140,12 +140,11 @@ impl<'a> Ground<'a> {
         follows: Option<Follows>,
     ) -> Vec<TimeColumn> {
         let signs = self.signs(port);
-        let (mut out, mut followed): (Vec<TimeColumn>, Vec<Series>) = Default::default();
+        let (mut out, mut first): (Vec<TimeColumn>, Series) = Default::default();
         for (r, track) in self.signals.tracks.iter().enumerate() {
             for (k, full) in full(track).into_iter().enumerate() {
                 if r == 0 {
                     out.push(TimeColumn::default());
-                    followed.push(Vec::new());
                 }
                 let thin = self.signals.filtered(track, &full, 0);
                 for side in 0..2 {
@@ -154,8 +153,8 @@ impl<'a> Ground<'a> {
                         out[k].sides[side].get_or_insert_with(Vec::new).push(signed);
                     }
                 }
-                if follows.is_some() {
-                    followed[k].push(full);
+                if k == 0 && follows.is_some() {
+                    first.push(full);
                 }
             }
         }
@@ -163,9 +162,8 @@ impl<'a> Ground<'a> {
             column.operator =
                 Some(Arc::new(move |_| [1.0, -1.0, -1.0, 1.0].map(|s| Complex::new(s * stiffness, 0.0))));
         }
-        if let Some(follows) = follows {
-            let operators = followed.iter().map(|full| self.friction(self.side(port), follows, full));
-            out.iter_mut().zip(operators).for_each(|(column, operator)| column.operator = operator);
+        if let (Some(column), Some(follows)) = (out.first_mut(), follows) {
+            column.operator = self.friction(self.side(port), follows, &first);
         }
         out
     }
@@ -202,7 +200,12 @@ impl<'a> Ground<'a> {
             let at = self.at(port, track);
             at.x_m.iter().zip(at.v_m_s).map(|(x, v)| law.force_n(*x, *v, self.smoothing_m_s)).collect()
         };
-        self.of_motion(side, &self.signals.each(of))
+        let full = self.signals.each(of);
+        if law.follows_speed() {
+            self.of_speed(side, &full)
+        } else {
+            TimeColumn::at(side, self.thinned(&full))
+        }
     }
 
     /// Signs of a force at a port: at motor and stage.
@@ -250,13 +253,13 @@ impl<'a> Ground<'a> {
     pub(super) fn dry(&self, side: usize, part: Option<usize>) -> TimeColumn {
         let full = self.signals.each(|track| self.dry_full(track, side, part));
         match part {
-            None => self.of_motion(side, &full),
+            None => self.of_speed(side, &full),
             Some(_) => TimeColumn::at(side, self.thinned(&full)),
         }
     }
 
-    /// A force that is a function of speed and position, from its full-rate series.
-    fn of_motion(&self, side: usize, full: &[Vec<f64>]) -> TimeColumn {
+    /// A force that follows the speed of a side, from its full-rate series.
+    fn of_speed(&self, side: usize, full: &[Vec<f64>]) -> TimeColumn {
         let operator = self.friction(side, Follows::Speed, full);
         TimeColumn { operator, ..TimeColumn::at(side, self.thinned(full)) }
     }

@@ -98,10 +98,6 @@ pub(super) fn ask(balance: &Balance, state: &State, h: &Hypothesis, chance: bool
             }
         }
     }
-    if h.facts().holds_level {
-        let place = base.numbers.iter().position(|n| *n == Number::StageCoulomb);
-        place.into_iter().for_each(|k| design.bounds[k] = [start[k]; 2]);
-    }
     if h.facts().turns_friction {
         // In place of the forms over speed.
         let places = base.numbers.iter().enumerate().filter(|(_, n)| matches!(n, Number::StageTurning(_)));

@@ -80,8 +80,6 @@ pub(super) struct Plan {
     /// One noise level over all bands instead of one a band.
     pub(super) white: bool,
     pub(super) cells: Vec<Cell>,
-    /// Where the Jacobian is taken; none: the axis is one mass.
-    pub(super) points: Arc<Vec<Point>>,
     /// First value of `[recording][block][band]`.
     starts: Vec<Vec<Vec<usize>>>,
     /// Samples at which the blocks of a recording begin; those that a mask touches are left out.
@@ -93,6 +91,27 @@ pub(super) struct Plan {
 }
 
 impl Plan {
+    /// Frequencies of the Jacobian, evenly over the bands; at rest nothing is made of a position. Of each
+    /// class, with its share of the time, as many as it counts. None: the axis is one mass.
+    pub(super) fn points(&self, shares: &[f64; CLASSES]) -> Vec<Point> {
+        /// Over all bands: a resonance of 2 % damping at half of the band has three.
+        const POINTS: usize = 200;
+        let stride = (self.bands.last().map_or(0, |b| b[1]) / POINTS).max(1);
+        let of = |class: usize, (band, [from, to]): (usize, &[usize; 2])| {
+            let from = (*from).max(1);
+            let stride = ((stride as f64 / shares[class]) as usize).clamp(1, (to - from).max(1));
+            let bins: Vec<usize> = (from + (stride - 1) / 2..*to).step_by(stride).collect();
+            let share = 1.0 / bins.len().max(1) as f64;
+            let bin_rad_s = 2.0 * PI * self.bin_hz;
+            bins.into_iter().map(move |k| Point { band, share, rad_s: k as f64 * bin_rad_s, class })
+        };
+        let classes = (0..CLASSES).filter(|class| shares[*class] > 0.0 && !self.white);
+        classes
+            .flat_map(|class| self.bands.iter().enumerate().map(move |band| of(class, band)))
+            .flatten()
+            .collect()
+    }
+
     /// `masked`: per recording and thinned sample, what was not measured; `top_hz`: highest frequency;
     /// `white`: fits see one noise level a recording.
     pub(super) fn new(masked: &[Vec<bool>], rate_hz: f64, (top_hz, white): (f64, bool)) -> Self {
@@ -119,7 +138,6 @@ impl Plan {
             }
         }
         let mut planner = RealFftPlanner::new();
-        let points = Arc::new(if white { Vec::new() } else { points(&bands, bin_hz) });
         Self {
             block,
             window: (0..block).map(|k| (PI * (k as f64 + 0.5) / block as f64).sin()).collect(),
@@ -128,7 +146,6 @@ impl Plan {
             bin_hz,
             white,
             cells,
-            points,
             starts,
             begins,
             forward: planner.plan_fft_forward(block),
@@ -296,22 +313,6 @@ impl Cell {
     pub(super) fn of_mut(self, spectrum: &mut [f64]) -> &mut [f64] {
         &mut spectrum[self.start..self.end]
     }
-}
-
-/// Frequencies of the Jacobian, evenly over the bands; at rest nothing is made of a position.
-fn points(bands: &[[usize; 2]], bin_hz: f64) -> Vec<Point> {
-    /// Over all bands: a resonance of 2 % damping at half of the band has three.
-    const POINTS: usize = 200;
-    let stride = (bands.last().map_or(0, |b| b[1]) / POINTS).max(1);
-    let of = |class: usize, (band, [from, to]): (usize, &[usize; 2])| {
-        // An axis that friction holds has no resonance: one point.
-        let [first, stride] =
-            if class == 0 { [(*from).max(1), stride] } else { [(from + to) / 2, to - from] };
-        let bins: Vec<usize> = (first..*to).step_by(stride).collect();
-        let share = 1.0 / bins.len().max(1) as f64;
-        bins.into_iter().map(move |k| Point { band, share, rad_s: 2.0 * PI * k as f64 * bin_hz, class })
-    };
-    (0..CLASSES).flat_map(|class| bands.iter().enumerate().flat_map(move |band| of(class, band))).collect()
 }
 
 /// The longest block that the recordings have room for. Masks cut them into pieces: then the longest that

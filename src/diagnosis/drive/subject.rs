@@ -12,6 +12,7 @@ use crate::diagnosis::criteria::Criteria;
 use crate::diagnosis::selection::{Fitted, Round, Screened, Subject, Work};
 use crate::diagnosis::two_cores::on_two_cores;
 use crate::plant::effects::{EffectKind, Port};
+use crate::signal::inner_products::dot;
 use std::sync::Mutex;
 
 /// Largest step of a constant, as a logarithm, and how often it is halved.
@@ -268,7 +269,7 @@ impl<'a> Drive<'a> {
         let more =
             self.free_step((gram, &design, beta), &a.hypothesis.columns(&state.ground(self.balance)))?;
         let mut out: Vec<f64> = a.amplitudes.iter().zip(more).map(|(a, more)| a + share * more).collect();
-        leave_mean(state, &a.hypothesis, &mut out);
+        leave_mean((self.balance, state), &a.hypothesis, &mut out);
         Some(out)
     }
 
@@ -314,13 +315,17 @@ fn next_best(state: &State, rounds: &[Round<Hypothesis, State>], law: &Accepted)
 }
 
 /// Takes off a map the mean that something else in the state is: dry friction of one with direction, a load.
-fn leave_mean(state: &State, h: &Hypothesis, amplitudes: &mut [f64]) {
-    let Shape::Map(Map { flips, .. }) = h.shape else { return };
+fn leave_mean((balance, state): (&Balance, &State), h: &Hypothesis, amplitudes: &mut [f64]) {
+    let Shape::Map(map) = h.shape else { return };
     let is_load = |a: &Accepted| a.hypothesis.effect == EffectKind::GravityLoad;
-    if flips || state.accepted.iter().any(is_load) {
-        let mean = amplitudes.iter().sum::<f64>() / amplitudes.len().max(1) as f64;
-        amplitudes.iter_mut().for_each(|a| *a -= mean);
-    }
+    let mean = if map.flips {
+        dot(amplitudes, &map.means(&balance.signals))
+    } else if state.accepted.iter().any(is_load) {
+        amplitudes.iter().sum::<f64>() / amplitudes.len().max(1) as f64
+    } else {
+        return;
+    };
+    amplitudes.iter_mut().for_each(|a| *a -= mean);
 }
 
 /// What scores best of all that was asked for one hypothesis.
@@ -497,7 +502,7 @@ impl Subject for Drive<'_> {
             let beside = self.beside(state, &others, work);
             evidence_nats = evidence_nats.min(ask_within(self.balance, &beside, &h, work)?.score);
         }
-        leave_mean(state, &h, &mut amplitudes);
+        leave_mean((self.balance, state), &h, &mut amplitudes);
         let mut model = state.with_numbers(&asked.fit.beta);
         let at_bound = asked.held() && !h.is_whole()
             || h.is_at_bound()

@@ -73,6 +73,19 @@ impl ForceLaw {
         Specification::of(term.effect)?.force?(term, screw_lead_m)
     }
 
+    /// Whether it is a function of the speed alone.
+    #[must_use]
+    pub fn follows_speed(&self) -> bool {
+        match self {
+            Self::Coulomb { .. }
+            | Self::Viscous { .. }
+            | Self::Stribeck { .. }
+            | Self::Asymmetric { .. }
+            | Self::NonlinearViscosity { .. } => true,
+            Self::Constant { .. } | Self::Periodic { .. } | Self::Map { .. } => false,
+        }
+    }
+
     /// The force, N. `smoothing_m_s`: v_s of the axis' Coulomb friction.
     #[must_use]
     pub fn force_n(&self, position_m: f64, v: f64, smoothing_m_s: f64) -> f64 {

@@ -308,22 +308,26 @@ impl Fit {
     /// The next point of Fisher's scoring; whether the fit has settled.
     ///
     /// From an unstable point half the way back to the last stable one. Where none was stable yet, to more
-    /// process damping, with what the prior moves along with it: by one standard deviation, then two, four.
+    /// process damping, with what the prior moves along with it: by one standard deviation, then two, then four;
+    /// what is stable beyond is none that the prior can take for true.
     fn move_on(&mut self) -> bool {
+        if !self.unstable {
+            self.stable = Some(Gaussian { mean: self.at, information: self.information });
+        }
         let Some(known) = self.prior.covariance() else { return true };
         if self.unstable {
             self.steps = self.steps.max(REFINE_STEPS);
             match self.stable {
                 Some(stable) => self.at = 0.5 * (self.at + stable.mean),
+                None if self.step > FOLLOW_STEPS => return true,
                 None => {
-                    let deviations = f64::from(1u32 << (self.step - 1));
                     let damped = known.column(place::PROCESS);
+                    let deviations = f64::from(1u32 << (self.step - 1));
                     self.at += damped * (deviations / damped[place::PROCESS].sqrt());
                 }
             }
             return false;
         }
-        self.stable = Some(Gaussian { mean: self.at, information: self.information });
         let Some(information) = self.information.cholesky() else { return true };
         let mut step = information.solve(&self.gradient);
         let longest = known.diagonal().map(f64::sqrt) * LONGEST_STEP;

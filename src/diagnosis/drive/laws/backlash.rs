@@ -110,7 +110,9 @@ impl Law for Backlash {
 
     /// A small part of a wide gap looks like all of a narrow one on the grid.
     fn starts(&self, balance: &Balance) -> Vec<Shape> {
-        between_positions(balance)
+        let of_its_kind =
+            |shape: &Shape| matches!(shape, Shape::Backlash(other) if other.loose == self.loose);
+        between_positions(balance).into_iter().filter(of_its_kind).collect()
     }
 
     /// Whether the gap takes the damper, too.

@@ -42,7 +42,7 @@ use super::lines::{Demodulated, strongest_off};
 use super::number::Mechanics;
 use super::signals::{Layout, Path, Signals, Track};
 use super::sliding::Follows;
-use super::spectra::Point;
+use super::spectra::{Point, Series};
 use crate::diagnosis::criteria::{Criteria, Z95};
 use crate::diagnosis::result::ForceFaultKind;
 use crate::plant::drive::RawDriveParams;
@@ -85,9 +85,7 @@ pub(crate) struct Facts {
     pub(crate) is_dry_friction: bool,
     /// It stands in the place of the dry friction of the numbers.
     pub(crate) replaces_friction: bool,
-    /// The level of the stage's dry friction is its mean, and stays where it is beside it.
-    pub(crate) holds_level: bool,
-    /// What it follows as dry friction does: a disturbance moves the axis the less.
+    /// What its first column follows as dry friction does: a disturbance moves the axis the less.
     pub(crate) follows: Option<Follows>,
     /// It is made of numbers of the structure, all of its size in its constants.
     pub(crate) moves_with_numbers: bool,
@@ -107,7 +105,6 @@ impl Facts {
             turns_friction: false,
             is_dry_friction: false,
             replaces_friction: false,
-            holds_level: false,
             follows: None,
             moves_with_numbers: false,
             trades: false,

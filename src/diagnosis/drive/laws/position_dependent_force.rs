@@ -39,6 +39,27 @@ impl Map {
         Hypothesis::new(Port::Stage, Self { pieces: PIECES[0], flips, over })
     }
 
+    /// Its splines over what it is a map of: together they are one everywhere.
+    fn splines(&self, signals: &Signals) -> Vec<Series> {
+        let side = signals.last();
+        let abscissa = signals.each(|t| match self.over {
+            Over::Position => t.thin.position.clone(),
+            Over::Speed => t.thin.velocity[side].iter().map(|v| v.abs()).collect(),
+            Over::Way => since_reversal(&t.thin.position, signals.least_way_m(side)),
+        });
+        let ends = |e: [f64; 2], v: &f64| [e[0].min(*v), e[1].max(*v)];
+        let [low, high] = abscissa.iter().flatten().fold([f64::INFINITY, f64::NEG_INFINITY], ends);
+        let spacing = (high - low).max(1e-300) / self.pieces as f64;
+        let piece = |k: usize, x: &f64| spline((x - low) / spacing - k as f64 + 3.0);
+        let series = |k: usize| abscissa.iter().map(|x| x.iter().map(|x| piece(k, x)).collect()).collect();
+        (0..self.pieces + 3).map(series).collect()
+    }
+
+    /// Mean of each over the recordings.
+    pub(crate) fn means(&self, signals: &Signals) -> Vec<f64> {
+        self.splines(signals).iter().map(mean).collect()
+    }
+
     /// Its table, two places a piece: first place, spacing, forces.
     fn table(&self, told: &Told<'_>) -> Table {
         let [low, high] = told.balance.signals.travel_m();
@@ -54,6 +75,11 @@ impl Map {
     }
 }
 
+fn mean(series: &Series) -> f64 {
+    let count: usize = series.iter().map(Vec::len).sum();
+    series.iter().flatten().sum::<f64>() / count.max(1) as f64
+}
+
 /// A map as a table.
 struct Table {
     first_m: f64,
@@ -63,8 +89,7 @@ struct Table {
 
 impl Law for Map {
     fn facts(&self) -> Facts {
-        let facts = Facts::of(EffectKind::PositionDependentForce, Size::Free, &[]);
-        Facts { holds_level: self.flips, ..facts }
+        Facts::of(EffectKind::PositionDependentForce, Size::Free, &[])
     }
 
     fn sizes(&self, _: &Signals) -> Vec<Shape> {
@@ -101,29 +126,21 @@ impl Law for Map {
         }
     }
 
-    /// Splines over the travel.
+    /// Splines over the travel. Those of a friction are each about its mean: the level of the friction is a
+    /// number of its own.
     fn columns(&self, ground: &Ground<'_>, _: Port) -> Option<Vec<TimeColumn>> {
         let signals = ground.signals;
         let side = signals.last();
-        let abscissa = signals.each(|t| match self.over {
-            Over::Position => t.thin.position.clone(),
-            Over::Speed => t.thin.velocity[side].iter().map(|v| v.abs()).collect(),
-            Over::Way => since_reversal(&t.thin.position, signals.least_way_m(side)),
-        });
-        let ends = |e: [f64; 2], v: &f64| [e[0].min(*v), e[1].max(*v)];
-        let [low, high] = abscissa.iter().flatten().fold([f64::INFINITY, f64::NEG_INFINITY], ends);
-        let spacing = (high - low).max(1e-300) / self.pieces as f64;
         // The direction as the friction of the balance has it; a spline is slow beside it.
         let dry = self.flips.then(|| ground.dry(side, None).sides[side].take()).flatten();
-        let direction = dry.unwrap_or_else(|| signals.each(|track| vec![1.0; track.thin_count()]));
-        let column = |k: usize| {
-            let of = |(x, direction): (&Vec<f64>, &Vec<f64>)| {
-                let place = |x: &f64| (x - low) / spacing - k as f64 + 3.0;
-                x.iter().zip(direction).map(|(x, d)| spline(place(x)) * d).collect()
-            };
-            TimeColumn::at(side, abscissa.iter().zip(&direction).map(of).collect())
+        let of = |piece: Series| {
+            let Some(dry) = &dry else { return TimeColumn::at(side, piece) };
+            let mean = mean(&piece);
+            let about =
+                |(x, dry): (&Vec<f64>, &Vec<f64>)| x.iter().zip(dry).map(|(x, d)| (x - mean) * d).collect();
+            TimeColumn::at(side, piece.iter().zip(dry).map(about).collect())
         };
-        Some((0..self.pieces + 3).map(column).collect())
+        Some(self.splines(signals).into_iter().map(of).collect())
     }
 
     fn rivals(&self) -> &'static [(Over, bool)] {
