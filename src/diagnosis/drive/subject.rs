@@ -269,7 +269,7 @@ impl<'a> Drive<'a> {
         let more =
             self.free_step((gram, &design, beta), &a.hypothesis.columns(&state.ground(self.balance)))?;
         let mut out: Vec<f64> = a.amplitudes.iter().zip(more).map(|(a, more)| a + share * more).collect();
-        leave_mean((self.balance, state), &a.hypothesis, &mut out);
+        leave_mean(self.balance, state, &a.hypothesis, &mut out);
         Some(out)
     }
 
@@ -315,7 +315,7 @@ fn next_best(state: &State, rounds: &[Round<Hypothesis, State>], law: &Accepted)
 }
 
 /// Takes off a map the mean that something else in the state is: dry friction of one with direction, a load.
-fn leave_mean((balance, state): (&Balance, &State), h: &Hypothesis, amplitudes: &mut [f64]) {
+fn leave_mean(balance: &Balance, state: &State, h: &Hypothesis, amplitudes: &mut [f64]) {
     let Shape::Map(map) = h.shape else { return };
     let is_load = |a: &Accepted| a.hypothesis.effect == EffectKind::GravityLoad;
     let mean = if map.flips {
@@ -502,7 +502,7 @@ impl Subject for Drive<'_> {
             let beside = self.beside(state, &others, work);
             evidence_nats = evidence_nats.min(ask_within(self.balance, &beside, &h, work)?.score);
         }
-        leave_mean((self.balance, state), &h, &mut amplitudes);
+        leave_mean(self.balance, state, &h, &mut amplitudes);
         let mut model = state.with_numbers(&asked.fit.beta);
         let at_bound = asked.held() && !h.is_whole()
             || h.is_at_bound()
