@@ -308,8 +308,8 @@ impl Fit {
     /// The next point of Fisher's scoring; whether the fit has settled.
     ///
     /// From an unstable point half the way back to the last stable one. Where none was stable yet, to more
-    /// process damping, with what the prior moves along with it: by one standard deviation, then two, then four;
-    /// what is stable beyond is none that the prior can take for true.
+    /// process damping, with what the prior moves along with it: by one standard deviation, then two, then
+    /// four. What is stable beyond is none that the prior can take for true.
     fn move_on(&mut self) -> bool {
         if !self.unstable {
             self.stable = Some(Gaussian { mean: self.at, information: self.information });
