@@ -363,6 +363,18 @@ mod tests {
     /// What is in the band comes back, sums of squares are kept, and turning twice by a half is no change but
     /// for the sign.
     #[test]
+    fn frequencies_of_a_class_stand_for_all_values_of_each_band() {
+        let plan = Plan::new(&[vec![false; 8000]], 1000.0, (400.0, false));
+        let points = plan.points(&[0.7, 0.0, 0.29, 0.01]);
+        let of = |class: usize| points.iter().filter(move |p| p.class == class);
+        for class in [0, 2, 3] {
+            let sum = |band: usize| of(class).filter(|p| p.band == band).map(|p| p.share).sum::<f64>();
+            assert!((0..plan.bands()).all(|band| (sum(band) - 1.0).abs() < 1e-12), "{class}");
+        }
+        assert!(of(0).count() > of(2).count() && of(2).count() > of(3).count() && of(1).count() == 0);
+    }
+
+    #[test]
     fn spectra_keep_power_and_come_back() {
         let n = 4096;
         let low: Vec<f64> = (0..n).map(|k| (0.21 * k as f64).sin() + (0.05 * k as f64).cos()).collect();
