@@ -15,11 +15,15 @@ pub(super) struct Turn {
 keep!(Turn { last, rad });
 
 impl Turn {
-    /// On to its next point, less than half a turn away.
+    /// Angle from its last point to another one, less than half a turn away.
+    fn angle_to(&self, point: Complex<f64>) -> f64 {
+        self.last.map_or(0.0, |last| (point * last.conj()).arg())
+    }
+
+    /// On to its next point.
     pub(super) fn to(&mut self, point: Complex<f64>) {
-        if let Some(last) = self.last.replace(point) {
-            self.rad += (point * last.conj()).arg();
-        }
+        self.rad += self.angle_to(point);
+        self.last = Some(point);
     }
 }
 
@@ -69,24 +73,22 @@ pub fn cut_roots_right_of(cut: &CutLoop, growth_1_s: f64) -> usize {
 
 /// Half the turns of a ratio of equal degrees along the line, from 0 to where it is nearly one.
 fn zeros_right(ratio: impl Fn(f64) -> Complex<f64>, far: f64, widest: f64) -> usize {
-    let (mut w, mut turned) = (0.0, 0.0);
-    let mut now = ratio(0.0);
+    let (mut w, mut turn) = (0.0, Turn::default());
+    turn.to(ratio(0.0));
     let mut step = widest;
     while w < far {
         let next = ratio(w + step);
-        let angle = (next / now).arg();
-        if angle.abs() > 0.3 && step > 1e-9 * widest {
+        if turn.angle_to(next).abs() > 0.3 && step > 1e-9 * widest {
             step *= 0.5;
             continue;
         }
-        turned += angle;
+        turn.to(next);
         w += step;
-        now = next;
         step = (step * 1.5).min(widest);
     }
     // What is left to infinity, where the ratio is one.
-    turned -= now.arg();
-    let count = (-turned / std::f64::consts::PI).round();
+    turn.to(Complex::new(1.0, 0.0));
+    let count = (-turn.rad / std::f64::consts::PI).round();
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
     if count > 0.0 { count as usize } else { 0 }
 }

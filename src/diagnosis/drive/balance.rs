@@ -79,11 +79,7 @@ impl Balance {
             let rests = |r: usize, k: usize| signals.tracks[r].rests.get(k).copied().unwrap_or(false);
             plan = plan.looking_at(|r, k| !rests(r, k));
         }
-        let of = |t: &Track| -> Vec<u8> {
-            let class = |j: usize| t.classes.get(t.thin_first - t.full_first + j * signals.step).copied();
-            (0..t.thin_count()).filter(|j| !t.masked[*j]).map(|j| class(j).unwrap_or(0)).collect()
-        };
-        let classes: Vec<Vec<u8>> = signals.tracks.iter().map(of).collect();
+        let classes: Vec<Vec<u8>> = signals.tracks.iter().map(|t| t.measured_classes(signals.step)).collect();
         let points = Arc::new(plan.points(&shares(classes.iter().flatten())));
         let shares = Arc::new(classes.iter().map(|of| shares(of.iter())).collect());
         Self {

@@ -6,7 +6,7 @@
 
 use super::number::{Mechanics, TURNING};
 use super::signals::{Layout, Path, Signals, Track, difference};
-use super::sliding::{Follows, slopes};
+use super::sliding::{Follows, class_slopes};
 use super::spectra::{Point, Response, Series};
 use crate::plant::effects::Port;
 use crate::plant::effects::backlash::play;
@@ -140,6 +140,7 @@ impl<'a> Ground<'a> {
         follows: Option<Follows>,
     ) -> Vec<TimeColumn> {
         let signs = self.signs(port);
+        let follows = follows.filter(|_| self.signals.sides() == 2);
         let (mut out, mut first): (Vec<TimeColumn>, Series) = Default::default();
         for (r, track) in self.signals.tracks.iter().enumerate() {
             for (k, full) in full(track).into_iter().enumerate() {
@@ -179,7 +180,7 @@ impl<'a> Ground<'a> {
             Follows::Way => &track.sides[side].x_m[..],
         };
         let all = self.signals.tracks.iter().zip(full);
-        let slopes = slopes(all.map(|(track, full)| (&full[..], motion(track), &track.classes[..])));
+        let slopes = class_slopes(all.map(|(track, full)| (&full[..], motion(track), &track.classes[..])));
         let at = [1.0 - side as f64, 0.0, 0.0, side as f64];
         Some(Arc::new(move |p| at.map(|at| p.of_slopes(follows, &slopes) * at)))
     }
@@ -258,19 +259,8 @@ impl<'a> Ground<'a> {
         }
     }
 
-    /// A force that follows the speed of a side, from its full-rate series.
-    fn of_speed(&self, side: usize, full: &[Vec<f64>]) -> TimeColumn {
-        let operator = self.friction(side, Follows::Speed, full);
-        TimeColumn { operator, ..TimeColumn::at(side, self.thinned(full)) }
-    }
-
-    /// Full-rate series of each recording, filtered and thinned.
-    fn thinned(&self, full: &[Vec<f64>]) -> Series {
-        self.signals.tracks.iter().zip(full).map(|(t, full)| self.signals.filtered(t, full, 0)).collect()
-    }
-
     /// The same of one recording at the full rate.
-    pub(super) fn dry_full(&self, track: &Track, side: usize, part: Option<usize>) -> Vec<f64> {
+    fn dry_full(&self, track: &Track, side: usize, part: Option<usize>) -> Vec<f64> {
         let (v, v_s) = (&track.sides[self.signals.moved_side(side)].v_m_s, self.smoothing_m_s);
         let mut slides: Vec<f64> = v.iter().map(|v| sliding_direction(*v, v_s)).collect();
         if let Some(part) = part {
@@ -284,6 +274,17 @@ impl<'a> Ground<'a> {
             slides.iter_mut().zip(other).for_each(|(s, o)| *s = o - *s);
         }
         slides
+    }
+
+    /// A force that follows the speed of a side, from its full-rate series.
+    fn of_speed(&self, side: usize, full: &[Vec<f64>]) -> TimeColumn {
+        let operator = self.friction(side, Follows::Speed, full);
+        TimeColumn { operator, ..TimeColumn::at(side, self.thinned(full)) }
+    }
+
+    /// Full-rate series of each recording, filtered and thinned.
+    fn thinned(&self, full: &[Vec<f64>]) -> Series {
+        self.signals.tracks.iter().zip(full).map(|(t, full)| self.signals.filtered(t, full, 0)).collect()
     }
 
     /// What the model needs more where thrust comes another way.

@@ -156,7 +156,7 @@ fn product(a: &Response, b: &Response) -> Response {
 
 #[cfg(test)]
 mod tests {
-    use super::super::sliding::{Follows, slopes};
+    use super::super::sliding::{Follows, class_slopes};
     use super::*;
     use std::f64::consts::PI;
 
@@ -184,7 +184,7 @@ mod tests {
             let classes: Vec<u8> = (0..n).map(class).collect();
             let speed: Vec<f64> = (0..n).map(|t| (t as f64).sin()).collect();
             let force: Vec<f64> = speed.iter().zip(&damper).map(|(v, s)| v * s).collect();
-            let slopes = slopes([(&force[..], &speed[..], &classes[..])].into_iter());
+            let slopes = class_slopes([(&force[..], &speed[..], &classes[..])].into_iter());
             let share = stuck as f64 / n as f64;
             let points = (0..modes).flat_map(|k| {
                 let rad_s = 2.0 * PI * (k + 1) as f64 / n as f64;

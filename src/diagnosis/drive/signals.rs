@@ -6,7 +6,7 @@ use super::one_mass::THINNED_PER_BAND;
 pub(in crate::diagnosis) use super::reads::Layout;
 use super::reads::{KERNELS, Read, Side, band_hz, clean_band_hz, positions, stage_behind, stage_is_finer};
 use super::recorded::{Thrust, has_both_positions, is_locked, motor_position, position, position_at, thrust};
-use super::sliding::classes;
+use super::sliding::{classes, turns};
 use super::spectra::{SHORTEST_BLOCK, Series};
 use super::standstill::standstill;
 use super::turning::{Bands, Turning};
@@ -314,7 +314,7 @@ impl Signals {
 
     /// How freely each full-rate sample slides, as a band of the balance sees it.
     fn classes(&self, sides: &[Side; 2]) -> Vec<u8> {
-        let turns = |v: &f64| (v / self.smoothing_m_s).cosh().powi(-2);
+        let turns = |v: &f64| turns(*v, self.smoothing_m_s);
         let pairs = sides[0].v_m_s.iter().zip(&sides[1].v_m_s);
         let both: Vec<f64> = pairs.map(|(m, s)| 0.5 * (turns(m) + turns(s))).collect();
         classes(&self.low_passed(&both))
@@ -511,6 +511,12 @@ impl Path {
 }
 
 impl Track {
+    /// Class of each thinned sample that was measured; of one position the first.
+    pub(super) fn measured_classes(&self, step: usize) -> Vec<u8> {
+        let class = |j: usize| self.classes.get(self.thin_first - self.full_first + j * step).copied();
+        (0..self.thin_count()).filter(|j| !self.masked[*j]).map(|j| class(j).unwrap_or(0)).collect()
+    }
+
     /// Thinned samples that are judged: measured, and not at rest.
     pub(super) fn judged(&self) -> Vec<bool> {
         self.masked.iter().zip(&self.rests).map(|(masked, rests)| !masked && !rests).collect()
@@ -544,7 +550,7 @@ fn hidden_share(side: &Side, at: Grid, half: usize, noise_m_s: f64, turning_m_s:
         let centre = at.first + j * at.step;
         let near = &side.v_m_s[centre.saturating_sub(half)..(centre + half + 1).min(side.v_m_s.len())];
         let slowest = near.iter().map(|v| v.abs()).fold(f64::INFINITY, f64::min);
-        (slowest / turning_m_s).cosh().powi(-2) * noise_m_s / turning_m_s
+        turns(slowest, turning_m_s) * noise_m_s / turning_m_s
     };
     (0..at.count).map(of).collect()
 }

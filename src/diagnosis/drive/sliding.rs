@@ -16,6 +16,11 @@ pub(in crate::diagnosis) enum Follows {
     Way,
 }
 
+/// That share, sech^2(v / v_s).
+pub(super) fn turns(v_m_s: f64, smoothing_m_s: f64) -> f64 {
+    (v_m_s / smoothing_m_s).cosh().powi(-2)
+}
+
 /// Classes of that share.
 pub(super) fn classes(turns: &[f64]) -> Vec<u8> {
     let from_most = |share: &f64| (-share.max(f64::MIN_POSITIVE).log(4.0)).max(0.0) as usize;
@@ -31,7 +36,9 @@ pub(super) fn shares<'a>(classes: impl Iterator<Item = &'a u8>) -> [f64; CLASSES
 }
 
 /// Slope of a force by what it follows, in each class; series of force, motion and class at the full rate.
-pub(super) fn slopes<'a>(all: impl Iterator<Item = (&'a [f64], &'a [f64], &'a [u8])>) -> [f64; CLASSES] {
+pub(super) fn class_slopes<'a>(
+    all: impl Iterator<Item = (&'a [f64], &'a [f64], &'a [u8])>,
+) -> [f64; CLASSES] {
     let (mut product, mut power) = ([0.0; CLASSES], [0.0; CLASSES]);
     for (force, motion, classes) in all {
         for ((f, x), class) in force.windows(2).zip(motion.windows(2)).zip(classes) {
@@ -53,7 +60,7 @@ mod tests {
         assert_eq!(classes, [3, 3, 2, 2, 0, 0]);
         assert_eq!(shares(classes.iter()), [1.0 / 3.0, 0.0, 1.0 / 3.0, 1.0 / 3.0]);
         let (force, speed) = ([0.0, 5.0, 10.0, 11.0, 12.0, 12.0], [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]);
-        let of = slopes([(&force[..], &speed[..], &classes[..])].into_iter());
+        let of = class_slopes([(&force[..], &speed[..], &classes[..])].into_iter());
         assert_eq!(of, [0.0, 0.0, 1.0, 5.0]);
     }
 }
