@@ -360,8 +360,6 @@ mod tests {
         (0..n).map(|_| next()).collect()
     }
 
-    /// What is in the band comes back, sums of squares are kept, and turning twice by a half is no change but
-    /// for the sign.
     #[test]
     fn frequencies_of_a_class_stand_for_all_values_of_each_band() {
         let plan = Plan::new(&[vec![false; 8000]], 1000.0, (400.0, false));
@@ -374,6 +372,8 @@ mod tests {
         assert!(of(0).count() > of(2).count() && of(2).count() > of(3).count() && of(1).count() == 0);
     }
 
+    /// What is in the band comes back, sums of squares are kept, and turning twice by a half is no change but
+    /// for the sign.
     #[test]
     fn spectra_keep_power_and_come_back() {
         let n = 4096;

@@ -245,8 +245,8 @@ impl MarginMonitor {
     /// One sample; true when the margin begins to run out.
     ///
     /// Cost: two stores and six sums a sample, a transform of 1600 points a second, and what is worked at:
-    /// bins of the spectrum (0.5 us each; up to 25 a sample in the third second of a cut, then one or two)
-    /// or a point of the posterior (3 us).
+    /// bins of the spectrum (0.5 us each; up to 25 a sample in the third second of a cut, up to 9 until the
+    /// eleventh, then one) or a point of the posterior (3 us).
     pub fn step(&self, state: &mut MarginState, force_n: f64, conditions: &CutConditions) -> bool {
         state.chatters = conditions.chatter;
         let whole = self.band.push(&mut state.band, force_n);
@@ -403,6 +403,10 @@ impl MarginMonitor {
             let mean_n = (means.force_n - state.air_mean_n).abs();
             state.reference_n_m2 = mean_n / means.chip_m2().max(f64::MIN_POSITIVE);
         }
+        if state.joined >= self.criteria.joint_blocks && !state.known {
+            // No fit of them had a stable point: nothing is carried forward, the next ones are asked anew.
+            (state.filled, state.joined) = (0, 0);
+        }
         let joint = state.joined < self.criteria.joint_blocks;
         state.filled = if joint { state.filled + 1 } else { 1 };
         state.joined += 1;
@@ -540,4 +544,31 @@ fn lowest(power: &[f64], middle_hz: f64) -> Noise {
     let mean = power.iter().sum::<f64>() / power.len().max(1) as f64;
     let low = power.iter().filter(|p| **p < mean).sum::<f64>() / power.len().max(1) as f64;
     Noise { level: (low / 10.0).max(f64::MIN_POSITIVE).ln(), slope: 0.0, middle_hz }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Ten blocks in which no fit had a stable point; what is known of another cut stands still there.
+    #[test]
+    fn a_cut_of_which_nothing_was_learned_is_asked_anew() {
+        let settings = MarginSettings {
+            sample_rate: SampleRate::new(9000.0).unwrap(),
+            band_hz: [480.0, 760.0],
+            prior: CutPrior::usual(0.024, 0.2).unwrap(),
+            pushes: true,
+            force_hz: 1000.0,
+        };
+        let monitor = MarginMonitor::new(settings);
+        let mut state = monitor.start(0);
+        let all = monitor.criteria.joint_blocks;
+        (state.joined, state.filled) = (all, all);
+        monitor.take_block(&mut state);
+        assert_eq!((state.fit.stage, state.joined, state.filled), (Stage::Search, 1, 1));
+        // One that is known is followed.
+        (state.joined, state.filled, state.known) = (all, all, true);
+        monitor.take_block(&mut state);
+        assert_eq!((state.fit.stage, state.joined, state.filled), (Stage::Refine, all + 1, 1));
+    }
 }
