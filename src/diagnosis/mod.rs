@@ -133,10 +133,17 @@ pub enum DiagnoseError {
         below_hz: f64,
         /// With what was recorded at rest there would be enough.
         rests: bool,
+        /// This recording is, whatever the others hold; else all are together.
+        alone: bool,
     },
 }
 
 impl DiagnoseError {
+    /// True where one recording is too short for the filters, whatever the others hold.
+    fn is_of_one(&self) -> bool {
+        matches!(self, Self::TooShort { alone: true, .. })
+    }
+
     /// True where the error speaks of a recording with this experiment.
     #[must_use]
     pub fn concerns(&self, experiment: &str) -> bool {
@@ -288,25 +295,45 @@ fn with_lead(machine: &Machine, axis: &AxisModel, lead: &Correction) -> (Machine
     (machine, axis)
 }
 
-/// Diagnoses an axis from all recordings but those that say less than the others, see [`left_out`].
+/// Diagnoses an axis from all recordings but those that say less than the others, see [`left_out`], or are
+/// too short for the filters.
 fn moving(
     model: (&Machine, &AxisModel),
     recordings: &[Recording],
     options: DiagnoseOptions,
     (stands, progress): (&[bool], Progress<'_>),
 ) -> Result<Diagnosis, DiagnoseError> {
-    let out = left_out(model.1, recordings, (&options, stands));
-    let left_out: Vec<usize> = out.iter().map(|(k, _)| *k).collect();
-    one_rate(recordings.iter().enumerate().filter(|(k, _)| !left_out.contains(k)).map(|(_, r)| r))?;
-    if left_out.is_empty() {
-        return drive::diagnose(model, recordings, &options, progress);
+    let mut out = left_out(model.1, recordings, (&options, stands));
+    let mut refused = None;
+    loop {
+        out.sort_unstable();
+        let left_out: Vec<usize> = out.iter().map(|(k, _)| *k).collect();
+        let mut kept = recordings.iter().enumerate().filter(|(k, _)| !left_out.contains(k));
+        one_rate(kept.clone().map(|(_, r)| r))?;
+        let others;
+        let those = if left_out.is_empty() {
+            recordings
+        } else {
+            others = without(recordings, &left_out);
+            &others
+        };
+        let error = match drive::diagnose(model, those, &options.without(&left_out), progress) {
+            Ok(mut diagnosis) => {
+                let note = |(k, why): &(usize, &str)| {
+                    format!("{}: left out, since {why}.", recordings[*k].experiment)
+                };
+                diagnosis.notes.extend(out.iter().map(note));
+                diagnosis.left_out = left_out;
+                return Ok(diagnosis);
+            }
+            Err(error) => error,
+        };
+        let is_short = |(_, r): &(usize, &Recording)| error.is_of_one() && error.concerns(&r.experiment);
+        let short = kept.find(is_short).filter(|_| those.len() > 1);
+        let error = refused.get_or_insert(error);
+        let Some((short, _)) = short else { return Err(error.clone()) };
+        out.push((short, "it is too short for the band that its noise and the others' leave"));
     }
-    let kept = without(recordings, &left_out);
-    let mut diagnosis = drive::diagnose(model, &kept, &options.without(&left_out), progress)?;
-    let note = |(k, why): &(usize, &str)| format!("{}: left out, since {why}.", recordings[*k].experiment);
-    diagnosis.notes.extend(out.iter().map(note));
-    diagnosis.left_out = left_out;
-    Ok(diagnosis)
 }
 
 /// Errors: recordings of different rates.

@@ -9,7 +9,7 @@ use super::cut_map::maps;
 use super::cut_proof::proof;
 use super::cut_words::{headline, next_step, number_name, phrase, place, worth};
 use super::faults::faults_box;
-use super::html::{digits_for, interval_bar};
+use super::html::{corrections, digits_for, interval_bar};
 use super::naming::{spoken, without_unit};
 use super::page::{SHOWN_ROWS, engineering, key, page, significant};
 use super::plot::{Axis, Figure, Mark, escape, range_of};
@@ -57,7 +57,9 @@ pub fn cut_page(d: &CutDiagnosis, files: &CutFiles<'_>) -> String {
     for finding in &d.findings {
         finding_card(&mut body, d, finding);
     }
-    corrections(&mut body, d);
+    let named =
+        |name: &str| format!("{} <span class=\"soft\">{}</span>", escape(&number_name(name)), escape(name));
+    corrections(&mut body, &d.parameter_corrections, ["scenario", "cuts"], named);
     cannot_tell(&mut body, d);
     tried(&mut body, d);
     recordings(&mut body, d, files);
@@ -341,37 +343,6 @@ fn contribution(out: &mut String, d: &CutDiagnosis, f: &CutFinding) {
         escape(name),
         figure.svg()
     );
-}
-
-fn corrections(out: &mut String, d: &CutDiagnosis) {
-    if d.parameter_corrections.is_empty() {
-        return;
-    }
-    out.push_str(
-        "<h2>Numbers of the scenario that the cuts contradict</h2><div class=\"card\"><table><tr><th>number</th>\
-         <th class=\"n\">scenario</th><th class=\"n\">cuts</th><th class=\"n\">95 % interval</th><th class=\"n\">change</th></tr>",
-    );
-    for c in &d.parameter_corrections {
-        let digits = digits_for(c.value, c.ci95);
-        let change = if c.nominal == 0.0 {
-            "new".to_owned()
-        } else {
-            format!("{:+.1} %", 100.0 * (c.value / c.nominal - 1.0))
-        };
-        let _ = write!(
-            out,
-            "<tr><td>{} <span class=\"soft\">{}</span></td><td class=\"n\">{}</td><td class=\"n\"><b>{}</b></td>\
-             <td class=\"n\">{} \u{2026} {}</td><td class=\"n\">{}</td></tr>",
-            escape(&number_name(&c.name)),
-            escape(&c.name),
-            significant(c.nominal, digits.max(4)),
-            significant(c.value, digits),
-            significant(c.ci95[0], digits),
-            significant(c.ci95[1], digits),
-            change.replace('-', "\u{2212}")
-        );
-    }
-    out.push_str("</table></div>");
 }
 
 fn cannot_tell(out: &mut String, d: &CutDiagnosis) {

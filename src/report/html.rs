@@ -11,7 +11,7 @@ use super::place::place;
 use super::plot::{Axis, Figure, Mark, escape, range_of};
 use super::residual_series::{Picked, after, before, telling};
 use super::words::{headline, next_step, phrase, place_of, sentence};
-use crate::diagnosis::{Diagnosis, Finding, RecordingFit, Verdict};
+use crate::diagnosis::{Correction, Diagnosis, Finding, RecordingFit, Verdict};
 use crate::signal::inner_products::rms;
 use std::fmt::Write as _;
 
@@ -46,7 +46,7 @@ pub fn diagnosis_page(diagnosis: &Diagnosis, context: &ReportContext) -> String 
     for finding in &diagnosis.findings {
         finding_card(&mut body, diagnosis, finding);
     }
-    corrections(&mut body, diagnosis);
+    corrections(&mut body, &diagnosis.parameter_corrections, ["model", "recordings"], escape);
     tried(&mut body, diagnosis);
     limits(&mut body, diagnosis);
     recordings(&mut body, diagnosis, context);
@@ -273,15 +273,23 @@ fn alternatives(out: &mut String, f: &Finding) {
     }
 }
 
-fn corrections(out: &mut String, d: &Diagnosis) {
-    if d.parameter_corrections.is_empty() {
+/// A table of numbers that are told to be wrong: of what, by what; `named`: how a number is
+/// called.
+pub(super) fn corrections(
+    out: &mut String,
+    list: &[Correction],
+    [of, by]: [&str; 2],
+    named: impl Fn(&str) -> String,
+) {
+    if list.is_empty() {
         return;
     }
-    out.push_str(
-        "<h2>Numbers of the model that the recordings contradict</h2><div class=\"card\"><table><tr><th>number</th>\
-         <th class=\"n\">model</th><th class=\"n\">recordings</th><th class=\"n\">95 % interval</th><th class=\"n\">change</th></tr>",
+    let _ = write!(
+        out,
+        "<h2>Numbers of the {of} that the {by} contradict</h2><div class=\"card\"><table><tr><th>number</th>\
+         <th class=\"n\">{of}</th><th class=\"n\">{by}</th><th class=\"n\">95 % interval</th><th class=\"n\">change</th></tr>",
     );
-    for c in &d.parameter_corrections {
+    for c in list {
         let digits = digits_for(c.value, c.ci95);
         let change = if c.nominal == 0.0 {
             "new".to_owned()
@@ -292,7 +300,7 @@ fn corrections(out: &mut String, d: &Diagnosis) {
             out,
             "<tr><td>{}</td><td class=\"n\">{}</td><td class=\"n\"><b>{}</b></td><td class=\"n\">{} \u{2026} {}</td>\
              <td class=\"n\">{}</td></tr>",
-            escape(&c.name),
+            named(&c.name),
             significant(c.nominal, digits.max(4)),
             significant(c.value, digits),
             significant(c.ci95[0], digits),

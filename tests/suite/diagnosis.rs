@@ -608,6 +608,22 @@ fn the_written_model_leaves_what_was_said() {
     assert!((leaves_n / said_n - 1.0).abs() < 0.05, "{leaves_n} N for {said_n} N");
 }
 
+/// One recording that is too short for the filters had refused all of them.
+#[test]
+fn a_recording_too_short_for_the_filters_is_left_out_beside_others() {
+    let machine = machine_from_text(Path::new("machine.toml"), RIGID).unwrap();
+    let long = rigid_recording(0.0, 0.0);
+    let mut short = Recording { experiment: "short".to_owned(), ..long.clone() };
+    short.columns.iter_mut().for_each(|c| c.values.truncate(200));
+    let of = |recordings: &[Recording]| diagnose(&machine, recordings, &|_, _| {});
+    let (alone, beside) = (of(std::slice::from_ref(&long)).unwrap(), of(&[short.clone(), long]).unwrap());
+    assert_eq!((beside.verdict, beside.left_out), (alone.verdict, vec![0]));
+    assert!(beside.notes.iter().any(|n| n.starts_with("short: left out, since it is too short")));
+    let also = Recording { experiment: "also short".to_owned(), ..short.clone() };
+    let told = of(&[short, also]).unwrap_err().to_string();
+    assert!(told.starts_with("recording short: 200 samples in motion, at least "), "{told}");
+}
+
 /// A stated bristle is a part of the stated dry friction, not more of it.
 #[test]
 fn a_stated_bristle_is_counted_once() {

@@ -138,6 +138,44 @@ fn the_model_that_is_written_holds_every_number_that_is_told_to_be_wrong() {
     assert!(again.parameter_corrections.is_empty(), "{:?}", again.parameter_corrections);
 }
 
+/// A shaft that a spring holds, turned by a force that rises and falls; each stroke has a dry friction of its own.
+fn ramps_on_a_spring(frictions_n: [f64; 6]) -> Recording {
+    const SPRING_N_M: f64 = 2.0e5;
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let (mut from_n, mut x) = (0.0, 0.0_f64);
+    let mut rows = Vec::new();
+    for (friction_n, to_n) in frictions_n.into_iter().zip([1000.0, -1000.0, 900.0, -900.0, 800.0, -800.0_f64])
+    {
+        let count = (2.0 * (to_n - from_n).abs()) as usize;
+        for k in 1..=count {
+            let force_n = from_n + (to_n - from_n) * k as f64 / count as f64;
+            x = x.clamp((force_n - friction_n) / SPRING_N_M, (force_n + friction_n) / SPRING_N_M);
+            rows.push((force_n + rng.random_range(-1.5..1.5), x + rng.random_range(-1.7e-7..1.7e-7)));
+        }
+        from_n = to_n;
+    }
+    Recording { sample_rate: SampleRate::new(400.0).unwrap(), ..log_of(1e-8, rows.into_iter()) }
+}
+
+/// The friction, stated at 20 N, was fitted at 27 N within a wide interval, told by nobody, and the model that
+/// was written left five times what was said.
+#[test]
+fn a_number_that_nothing_tells_to_be_wrong_is_judged_as_it_is_stated() {
+    let stated = "stage_coulomb_friction_n = 20.0\nfriction_smoothing_m_s = 2e-5\n";
+    let text = format!("{}{stated}", MODEL.replace("150.0", "1.0").replace("1000.0", "400.0"));
+    let machine = machine_from_text(Path::new("machine.toml"), &text).unwrap();
+    let recording = ramps_on_a_spring([60.0, 15.0, 85.0, 25.0, 70.0, 20.0]);
+    let d = diagnose(&machine, std::slice::from_ref(&recording), &|_, _| {}).unwrap();
+    assert_eq!(names(&d), ["position_dependent_force"], "{:?}", d.notes);
+    assert!(d.parameter_corrections.is_empty(), "{:?}", d.parameter_corrections);
+    let kept = d.notes.iter().any(|n| n.starts_with("stage_coulomb_friction_n stays at 20.00: "));
+    assert!(kept && d.unexplained.is_some(), "{:?}", d.notes);
+    assert_eq!(d.model.axes[0].drive.stage_coulomb_friction_n(), 20.0);
+    let again = diagnose(&d.model, &[recording], &|_, _| {}).unwrap();
+    let [said_n, leaves_n] = [d.recordings[0].rms_after_n, again.recordings[0].rms_before_n];
+    assert!((leaves_n / said_n - 1.0).abs() < 0.05, "{leaves_n} N for {said_n} N");
+}
+
 /// A rest that lasts all but two turns tells of no force: it had been told as a mismatch of 1e-151 N.
 #[test]
 fn an_axis_that_rests_nearly_always_is_refused_and_judges_no_row() {

@@ -107,7 +107,8 @@ impl Case<'_> {
     pub(super) fn answer(self, state: State) -> Diagnosis {
         let balance = self.balance;
         let (written, level) = self.written(state);
-        let AsWritten { state, doubt, absent, unsaid, undivided } = written;
+        let held = written.held();
+        let AsWritten { state, doubt, absent, unsaid, contested, undivided } = written;
         let mut found = self.found(&state, &doubt, &absent, level);
         found.extend(self.of_encoders(&state));
         // The model says how much it leaves, and no more is left.
@@ -120,7 +121,7 @@ impl Case<'_> {
             settled = numbers::doubt(balance, self.start, &of_start);
         }
         let said: Vec<Number> = absent.iter().map(|a| a.number).collect();
-        let before = self.before(&said);
+        let before = self.before(&said, &contested);
         let left = rest(balance, &state);
         let of = if as_stated { self.start } else { &state };
         let told_wrong = self.all_corrections(of, &settled);
@@ -147,9 +148,10 @@ impl Case<'_> {
         let faults = force_faults((self.axis, self.recordings), balance, &state, &doubt);
         let (force_faults, more) = notes::budget(&self, faults, found.is_empty());
         notes.extend(more.into_iter().chain(self.notes_of_errors()).chain(worse_n.map(notes::worse)));
+        notes.extend(notes::contested(&contested));
         let asserted = if unexplained { Vec::new() } else { found };
         let first = asserted.first().map(|f| f.named);
-        let findings = self.findings(asserted, (&state, &unsaid), &left);
+        let findings = self.findings(asserted, (&state, &held), &left);
         let said = (&findings[..], &corrections[..]);
         let model = self.model(verdict, (of, &settled), said, (&left, is_left));
         let axes = [
@@ -159,7 +161,7 @@ impl Case<'_> {
         ];
         let limits = self.detection_limits(&state, level, &findings);
         let closed_loop = closed_loop(&balance.signals, &axes, self.recordings, &state);
-        let location = self.location(verdict, (findings.first(), first), &left, (&state, &unsaid));
+        let location = self.location(verdict, (findings.first(), first), &left, (&state, &held));
         Diagnosis {
             axis: self.stated.name.clone(),
             verdict,
@@ -196,7 +198,7 @@ impl Case<'_> {
             };
             match written.state.accepted.iter().zip(&written.doubt.laws).position(is_gone) {
                 Some(k) => state = rebuilt(balance, without(balance, &all, Named::Law(k))),
-                None => return (written, level),
+                None => return (written.judged(balance, self.stated), level),
             }
         }
     }
@@ -372,7 +374,7 @@ impl Case<'_> {
     pub(super) fn findings(
         &self,
         found: Vec<Found>,
-        (state, unsaid): (&State, &[Number]),
+        (state, held): (&State, &[Number]),
         left: &Rest,
     ) -> Vec<Finding> {
         let floor = left.floors_n[0].hypot(left.floors_n[1]);
@@ -381,7 +383,7 @@ impl Case<'_> {
         }
         let stepped = found.iter().filter_map(|f| self.stepped(f)).collect();
         let errors_n2 = self.error_forces(state).iter().map(|(port, force)| (*port, force.power())).collect();
-        let written = Written { state, unsaid, stepped, errors_n2 };
+        let written = Written { state, held, stepped, errors_n2 };
         let left_n = |named: Option<Named>| written.heldout_n(self.balance, named);
         let after_n = left_n(None);
         let of = |(k, f): (usize, Found)| {
@@ -466,7 +468,7 @@ impl Case<'_> {
         verdict: Verdict,
         (first, named): (Option<&Finding>, Option<Named>),
         left: &Rest,
-        (state, unsaid): (&State, &[Number]),
+        (state, held): (&State, &[Number]),
     ) -> Option<Location> {
         if matches!(verdict, Verdict::ModelAdequate | Verdict::ParameterError) {
             return None;
@@ -483,7 +485,7 @@ impl Case<'_> {
                 (shown.unwrap_or_else(|| left.clone()), state.clone())
             }
             Some(_) => {
-                let (others, design, beta) = fit_taken_out(self.balance, state, named, unsaid);
+                let (others, design, beta) = fit_taken_out(self.balance, state, named, held);
                 (rest_of(self.balance, &others, (&design, &beta)), others)
             }
         };

@@ -8,7 +8,7 @@
 use super::gram::{Gram, Part};
 use super::likelihood::Design;
 use super::number::Number;
-use super::numbers::fit_without;
+use super::numbers::fit_as_stated;
 use super::rest::pull_n_m;
 use super::signals::Path;
 use super::spectra::FOLDS;
@@ -63,33 +63,34 @@ pub(super) fn foretold_n(balance: &Balance, (gram, design, beta): (&Gram, &Desig
     (sum / balance.plan.measured().max(1.0)).sqrt()
 }
 
-/// A state as it is written: without the numbers that nothing says, with the steps that were found.
+/// A state as it is written: numbers that nothing says or corrects as they are stated, with the steps that
+/// were found.
 pub(super) struct Written<'a> {
     pub(super) state: &'a State,
-    pub(super) unsaid: &'a [Number],
+    pub(super) held: &'a [Number],
     pub(super) stepped: Vec<Stepped>,
     /// Power that each encoder's error makes of the balance, N2.
     pub(super) errors_n2: Vec<(Port, f64)>,
 }
 
-/// A state without what a finding stands for and without numbers that nothing says, and its fit.
+/// A state without what a finding stands for, with numbers held as stated, and its fit.
 pub(super) fn fit_taken_out(
     balance: &Balance,
     state: &State,
     named: Option<Named>,
-    unsaid: &[Number],
+    held: &[Number],
 ) -> (State, Design, Vec<f64>) {
     let others = named.map_or_else(|| state.clone(), |named| without(balance, state, named));
-    let mut missing = unsaid.to_vec();
-    missing.extend(named.and_then(|named| if let Named::Number(n) = named { Some(n) } else { None }));
-    let (design, beta) = fit_without(balance, &others, &missing);
+    let mut held = held.to_vec();
+    held.extend(named.and_then(|named| if let Named::Number(n) = named { Some(n) } else { None }));
+    let (design, beta) = fit_as_stated(balance, &others, &held);
     (others, design, beta)
 }
 
 impl Written<'_> {
     /// What it leaves on parts that nothing was fitted to, or what it leaves without a finding, N.
     pub(super) fn heldout_n(&self, balance: &Balance, named: Option<Named>) -> f64 {
-        let (state, design, beta) = fit_taken_out(balance, self.state, named, self.unsaid);
+        let (state, design, beta) = fit_taken_out(balance, self.state, named, self.held);
         let all_n = foretold_n(balance, (&state.base.gram, &design, &beta));
         let rest = self.stepped.iter().filter(|s| named != Some(Named::Steps(s.port)));
         let explained_n2 = steps_n2(balance, self.state, &rest.collect::<Vec<_>>());

@@ -108,7 +108,7 @@ fn balance_of(
         let needed = spectra::SHORTEST_BLOCK * balance.signals.step;
         let below_hz = balance.signals.top_hz();
         let rests = balance.plan.in_blocks() >= spectra::SHORTEST_BLOCK as f64;
-        return Err(DiagnoseError::TooShort { recording, samples, needed, below_hz, rests });
+        return Err(DiagnoseError::TooShort { recording, samples, needed, below_hz, rests, alone: false });
     }
     Ok(balance)
 }

@@ -9,7 +9,7 @@ use super::bank::candidates;
 use super::case::{Case, Drives, Found};
 use super::laws::Hypothesis;
 use super::number::Number;
-use super::numbers::Absent;
+use super::numbers::{Absent, Contested};
 use super::rest::{Rest, spans_s};
 use super::state::State;
 use crate::diagnosis::result::{
@@ -55,6 +55,14 @@ pub(super) fn budget(
 pub(super) fn worse([stated_n, found_n]: [f64; 2]) -> String {
     let [stated_n, found_n] = [stated_n, found_n].map(|n| engineering(n, "N", 3));
     format!("With what was found {found_n} are left, with the stated model {stated_n}: it fits worse.")
+}
+
+/// Numbers that stay as they are stated and were fitted elsewhere.
+pub(super) fn contested(numbers: &[Contested]) -> impl Iterator<Item = String> {
+    numbers.iter().map(|c| {
+        let [nominal, fitted] = [c.nominal, c.fitted.max(0.0)].map(|x| engineering(x, "1", 4));
+        format!("{} stays at {nominal}: {fitted} fits better, and its interval reaches to there.", c.key)
+    })
 }
 
 /// What nobody asked: all of the bank where no round was complete, else what promised to be worth a fit in

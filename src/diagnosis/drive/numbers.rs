@@ -120,13 +120,6 @@ pub(super) fn stated_at_motor(balance: &Balance, number: Number) -> f64 {
     of_motor.map_or(0.0, |motor| stated_mechanics(balance).of(motor))
 }
 
-/// What of that is not in a bristle.
-fn held(balance: &Balance, state: &State, number: Number) -> f64 {
-    let bristles = state.coulomb_n() - state.now.mechanics.stage_coulomb_n;
-    let in_laws = if number == Number::StageCoulomb { bristles } else { 0.0 };
-    (stated_at_motor(balance, number) - in_laws).max(0.0)
-}
-
 /// A number's estimate in the balance.
 fn estimate(state: &State, (place, number): (usize, Number)) -> f64 {
     if number == Number::StageCoulomb { state.coulomb_n() } else { state.base.fit.beta[place] }
@@ -147,20 +140,18 @@ fn left_out(balance: &Balance, state: &State) -> Vec<Number> {
     open.filter(|n| is_more(*n)).collect()
 }
 
-/// What is held where some numbers are not there, by place: nothing, or what the motor has of one.
-fn held_without(balance: &Balance, state: &State, numbers: &[Number]) -> Vec<(usize, f64)> {
-    let at_motor = |n: Number| stated_at_motor(balance, n) > 0.0;
+/// What is held where some numbers are as they are stated, by place: nothing of those that are left out, or
+/// what the motor has of one.
+fn held_as_stated(balance: &Balance, state: &State, numbers: &[Number]) -> Vec<(usize, f64)> {
+    let stated = stated_numbers(balance, state);
     // Parts of a dry friction that is not there are not there.
-    let is_gone = |n: Number| numbers.contains(&n) && !at_motor(n);
+    let is_gone = |n: Number| numbers.contains(&n) && stated_mechanics(balance).of(n) == 0.0;
     let is_part = |n: &Number| match n {
         Number::MotorTurning(_) => is_gone(Number::MotorCoulomb),
         Number::StageTurning(_) => is_gone(Number::StageCoulomb),
         _ => false,
     };
-    let number = |(k, n): (usize, &Number)| {
-        (numbers.contains(n) || is_part(n))
-            .then(|| (k, if at_motor(*n) { held(balance, state, *n) } else { 0.0 }))
-    };
+    let number = |(k, n): (usize, &Number)| (numbers.contains(n) || is_part(n)).then(|| (k, stated.of(*n)));
     let bristle = |(k, a): (usize, &Accepted)| {
         let is_bristle = a.given.is_none() && a.hypothesis.facts().is_dry_friction;
         let places = state.place(k)..state.place(k) + a.coefficients();
@@ -171,20 +162,20 @@ fn held_without(balance: &Balance, state: &State, numbers: &[Number]) -> Vec<(us
     state.base.numbers.iter().enumerate().filter_map(number).chain(bristles).collect()
 }
 
-/// The design with some numbers held, and where a fit begins. The masses stay as the state has them: that
-/// friction is left out is no reason for another mass, and where nothing else moves the axis one of any size
-/// is the likeliest.
-fn without(balance: &Balance, state: &State, numbers: &[Number]) -> (Design, Vec<f64>) {
+/// The design with some numbers held as they are stated, and where a fit begins. The masses stay as the state
+/// has them: that friction is left out is no reason for another mass, and where nothing else moves the axis
+/// one of any size is the likeliest.
+fn as_stated(balance: &Balance, state: &State, numbers: &[Number]) -> (Design, Vec<f64>) {
     let (mut design, mut beta) = (state.base.design.clone(), state.base.fit.beta.clone());
-    held_without(balance, state, numbers).into_iter().for_each(|(k, value)| beta[k] = value);
+    held_as_stated(balance, state, numbers).into_iter().for_each(|(k, value)| beta[k] = value);
     let masses = design.masses.iter().map(|(k, _)| (*k, beta[*k])).collect::<Vec<_>>();
-    let held = held_without(balance, state, numbers).into_iter().chain(masses);
+    let held = held_as_stated(balance, state, numbers).into_iter().chain(masses);
     held.for_each(|(k, value)| design.bounds[k] = [value; 2]);
     (design, beta)
 }
 
-/// The fit of a state without some numbers.
-pub(super) fn fit_without(balance: &Balance, state: &State, numbers: &[Number]) -> (Design, Vec<f64>) {
+/// The fit of a state whose `numbers` are as they are stated: nothing, of those that are left out.
+pub(super) fn fit_as_stated(balance: &Balance, state: &State, numbers: &[Number]) -> (Design, Vec<f64>) {
     let (design, fit) = refitted(balance, state, numbers);
     (design, fit.beta)
 }
@@ -193,7 +184,7 @@ fn refitted(balance: &Balance, state: &State, numbers: &[Number]) -> (Design, Fi
     if numbers.is_empty() {
         return (state.base.design.clone(), state.base.fit.clone());
     }
-    let (design, start) = without(balance, state, numbers);
+    let (design, start) = as_stated(balance, state, numbers);
     let all = &state.base.all;
     let weights = design.weights(all, &start);
     let fit = design.fit(all, start, weights);
@@ -202,7 +193,7 @@ fn refitted(balance: &Balance, state: &State, numbers: &[Number]) -> (Design, Fi
 
 /// A state as it is written.
 pub(super) struct AsWritten {
-    /// Without numbers that nothing says.
+    /// Without numbers that nothing says, others as they are stated.
     pub(super) state: State,
     /// Its deviations; of masses, and of when a force acts, as they were beside all numbers.
     pub(super) doubt: Doubt,
@@ -210,17 +201,44 @@ pub(super) struct AsWritten {
     pub(super) absent: Vec<Absent>,
     /// What is not: the model that is written has none of it.
     pub(super) unsaid: Vec<Number>,
+    /// See [`contested`]: the model that is written has them as they were.
+    pub(super) contested: Vec<Contested>,
     /// See [`undivided`].
     pub(super) undivided: Option<[f64; 2]>,
+}
+
+impl AsWritten {
+    /// Numbers that are held as they are stated.
+    pub(super) fn held(&self) -> Vec<Number> {
+        held(&self.unsaid, &self.contested)
+    }
+
+    /// The same with [`contested`] numbers as they are stated; `axis`: the stated one. Deviations are those
+    /// of the fit.
+    pub(super) fn judged(self, balance: &Balance, axis: &AxisModel) -> Self {
+        let contested = contested(balance, axis, &self.state, &self.doubt);
+        if contested.is_empty() {
+            return self;
+        }
+        let state = refitted_as_is(balance, &self.state, &held(&self.unsaid, &contested));
+        Self { state, contested, ..self }
+    }
+}
+
+/// Numbers that nothing says, and contested ones.
+pub(super) fn held(unsaid: &[Number], contested: &[Contested]) -> Vec<Number> {
+    unsaid.iter().copied().chain(contested.iter().map(|c| c.number)).collect()
 }
 
 /// A state with its deviations as it is written; `level`: what chance reaches.
 pub(super) fn as_written(balance: &Balance, (state, beside_all): (&State, Doubt), level: f64) -> AsWritten {
     let mut absent = absent(balance, state, &beside_all, level);
+    let contested = Vec::new();
     loop {
         let unsaid = unsaid(balance, state, &absent);
         if unsaid.is_empty() {
-            return AsWritten { state: state.clone(), doubt: beside_all, absent, unsaid, undivided: None };
+            let (state, doubt) = (state.clone(), beside_all);
+            return AsWritten { state, doubt, absent, unsaid, contested, undivided: None };
         }
         let written = refitted_as_is(balance, state, &unsaid);
         let mut doubt = doubt(balance, &written, &rest(balance, &written));
@@ -237,18 +255,18 @@ pub(super) fn as_written(balance: &Balance, (state, beside_all): (&State, Doubt)
         });
         if absent.len() == count {
             let undivided = undivided(balance, state, &unsaid);
-            return AsWritten { state: written, doubt, absent, unsaid, undivided };
+            return AsWritten { state: written, doubt, absent, unsaid, contested, undivided };
         }
     }
 }
 
-/// A state whose fit has none of some numbers, masses and when a force acts as they are.
+/// A state whose fit has some numbers as they are stated, masses and when a force acts as they are.
 fn refitted_as_is(balance: &Balance, state: &State, numbers: &[Number]) -> State {
     let of_time = state.base.numbers.iter().filter(|n| matches!(n, Number::Timing | Number::Lag));
     let held: Vec<Number> = numbers.iter().chain(of_time.clone()).copied().collect();
     let (mut design, fit) = refitted(balance, state, &held);
     for (k, n) in state.base.numbers.iter().enumerate() {
-        if n.is_mass() || matches!(n, Number::Timing | Number::Lag) {
+        if !numbers.contains(n) && (n.is_mass() || matches!(n, Number::Timing | Number::Lag)) {
             design.bounds[k] = state.base.design.bounds[k];
         }
     }
@@ -284,7 +302,7 @@ fn more_than_at_motor(
 /// T of all columns of some numbers together, nats.
 fn evidence_nats(balance: &Balance, state: &State, numbers: &[Number]) -> f64 {
     let base = &state.base;
-    let (design, beta) = fit_without(balance, state, numbers);
+    let (design, beta) = fit_as_stated(balance, state, numbers);
     let score = design.nats(&base.all, &beta) - base.fit.nats - price(numbers.len(), values(&base.all));
     let others = balance.held_out_nats(&base.gram, &design, &beta);
     let gains = part_gains(balance, &others, &base.held_out_nats);
@@ -297,7 +315,7 @@ fn evidence_nats(balance: &Balance, state: &State, numbers: &[Number]) -> f64 {
 fn undivided(balance: &Balance, state: &State, unsaid: &[Number]) -> Option<[f64; 2]> {
     let base = &state.base;
     let open: Vec<Number> = unsaid.iter().filter(|n| base.numbers.contains(n)).copied().collect();
-    let held = held_without(balance, state, &open);
+    let held = held_as_stated(balance, state, &open);
     let cost = price(open.len(), values(&base.all));
     let chance = |(k, null): (usize, &Fit)| {
         let mut design = knockoff_design(&base.design, &base.fit.beta, base.knockoffs + k);
@@ -339,6 +357,8 @@ pub(super) fn stated_beta(balance: &Balance, state: &State) -> Vec<f64> {
     };
     let number = |(k, n): (usize, &Number)| match n {
         Number::Zero | Number::Scale => state.base.fit.beta[k],
+        // What does not accelerate tells no mass: a stated one moves the noise of its acceleration.
+        Number::StageMass if !state.now.inertial => state.base.fit.beta[k],
         Number::MotorTurning(_) => same_form(state.base.fit.beta[k], Number::MotorCoulomb),
         Number::StageTurning(_) => same_form(state.base.fit.beta[k], Number::StageCoulomb),
         Number::EncoderTiming => -balance.stage_later_s.unwrap_or(0.0),
@@ -382,10 +402,49 @@ impl Beside {
         (self.value + self.other) * (-off).exp() - self.other
     }
 
+    /// How far it is from its statement where all forces are off by e^`off`, as a logarithm.
+    fn apart(&self, off: f64) -> f64 {
+        ((self.under(off) + self.other).max(0.0) / (self.nominal + self.other)).ln().abs()
+    }
+
+    /// True where that is more than numbers are stated to.
+    fn is_elsewhere(&self, off: f64) -> bool {
+        self.apart(off) > Criteria::STANDARD.correction_tolerances * self.tolerance
+    }
+
+    /// True where the recordings contradict it.
+    fn is_told_wrong(&self, off: f64) -> bool {
+        let share = self.deviation / (self.value + self.other);
+        self.value > 0.0
+            && self.is_elsewhere(off)
+            && self.apart(off) > Criteria::STANDARD.correction_deviations * share
+    }
+
     /// True for a number of a second mass that the model does not have.
     pub(super) fn is_of_second_mass(&self, balance: &Balance) -> bool {
         self.nominal == 0.0 && balance.drive.number(self.key).is_some_and(|guess| guess > 0.0)
     }
+}
+
+/// A number that is fitted elsewhere than it is stated, with an interval that reaches to there: nothing says
+/// that it is wrong.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Contested {
+    pub(super) number: Number,
+    pub(super) key: &'static str,
+    pub(super) nominal: f64,
+    pub(super) fitted: f64,
+}
+
+/// Those of a state, unless all forces are off by a factor.
+fn contested(balance: &Balance, axis: &AxisModel, state: &State, doubt: &Doubt) -> Vec<Contested> {
+    let all = beside(balance, axis, state, doubt);
+    if told_scale(balance, &all) != 0.0 {
+        return Vec::new();
+    }
+    let open = all.iter().filter(|n| n.nominal > 0.0 && n.is_elsewhere(0.0) && !n.is_told_wrong(0.0));
+    let of = |n: &Beside| Contested { number: n.number, key: n.key, nominal: n.nominal, fitted: n.value };
+    open.map(of).collect()
 }
 
 /// Every number of the drive that the balance has, in the key's unit; `axis`: as stated.
@@ -437,6 +496,13 @@ pub(super) fn common_scale(balance: &Balance, numbers: &[Beside]) -> f64 {
     middle.map_or(0.0, |m| m.0)
 }
 
+/// That factor where it is more than masses are stated to, else none: 0.
+fn told_scale(balance: &Balance, numbers: &[Beside]) -> f64 {
+    let c = &Criteria::STANDARD;
+    let common = common_scale(balance, numbers);
+    if common.abs() > c.correction_tolerances * c.mass_tolerance { common } else { 0.0 }
+}
+
 /// True where the force comes later than its motion, whatever its dead time and the sample in which it acts:
 /// its clock is another.
 pub(super) fn is_late(balance: &Balance, state: &State, doubt: &Doubt) -> bool {
@@ -455,24 +521,17 @@ pub(super) fn corrections(
     let c = &Criteria::STANDARD;
     let all = beside(balance, axis, state, doubt);
     let scale = scale_deviation(balance);
-    let common = common_scale(balance, &all);
-    let of_constant = common.abs() > c.correction_tolerances * c.mass_tolerance;
-    let off = if of_constant { common } else { 0.0 };
+    let off = told_scale(balance, &all);
     let mut list = Vec::new();
-    for n in all.iter().filter(|n| n.nominal > 0.0 && n.value > 0.0) {
+    for n in all.iter().filter(|n| n.nominal > 0.0 && n.is_told_wrong(off)) {
         let value = n.under(off);
-        let apart = ((value + n.other) / (n.nominal + n.other)).ln().abs();
-        if apart > c.correction_tolerances * n.tolerance
-            && apart > c.correction_deviations * n.deviation / (n.value + n.other)
-        {
-            let half = Z95 * n.deviation.hypot(scale * (value + n.other));
-            list.push(Correction::within(n.key, n.nominal, value, half));
-        }
+        let half = Z95 * n.deviation.hypot(scale * (value + n.other));
+        list.push(Correction::within(n.key, n.nominal, value, half));
     }
     for n in all.iter().filter(|n| n.is_of_second_mass(balance) && n.value > Z95 * n.deviation) {
         list.push(Correction::within(n.key, 0.0, n.value, Z95 * n.deviation.hypot(scale * n.value)));
     }
-    if let Some(nominal) = balance.drive.torque_constant_nm_a().filter(|_| of_constant) {
+    if let Some(nominal) = balance.drive.torque_constant_nm_a().filter(|_| off != 0.0) {
         let value = nominal * (-off).exp();
         let half = Z95 * c.torque_constant_tolerance * value;
         list.push(Correction::within("torque_constant_nm_a", nominal, value, half));

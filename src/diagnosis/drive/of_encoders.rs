@@ -5,7 +5,7 @@ use super::columns::TimeColumn;
 use super::encoders::ReadError;
 use super::evidence::level;
 use super::heldout::{Named, Stepped};
-use super::numbers::fit_without;
+use super::numbers::{Contested, fit_as_stated, held};
 use super::recorded::position_at;
 use super::rest::{Rest, rest_of};
 use super::series::of_recording;
@@ -91,9 +91,10 @@ impl Case<'_> {
         self.balanced_errors().map(|error| (error.port(), error.law.sum(&ground))).collect()
     }
 
-    /// What the stated model leaves of the recordings as they came, without numbers that it does not state.
-    pub(super) fn before(&self, unsaid: &[Number]) -> Rest {
-        let (design, beta) = fit_without(self.balance, self.start, unsaid);
+    /// What the stated model leaves of the recordings as they came, numbers that are said or contested as it
+    /// states them.
+    pub(super) fn before(&self, said: &[Number], contested: &[Contested]) -> Rest {
+        let (design, beta) = fit_as_stated(self.balance, self.start, &held(said, contested));
         let as_read = self.as_read(self.start, &beta);
         as_read.unwrap_or_else(|| rest_of(self.balance, self.start, (&design, &beta)))
     }

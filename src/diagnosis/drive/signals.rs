@@ -236,7 +236,14 @@ impl Signals {
         let needed = 2 * thin_first + 3 * SHORTEST_BLOCK / 2 * self.step;
         if samples < needed {
             let (recording, below_hz) = (recording.experiment.clone(), self.top_hz());
-            return Err(DiagnoseError::TooShort { recording, samples, needed, below_hz, rests: false });
+            return Err(DiagnoseError::TooShort {
+                recording,
+                samples,
+                needed,
+                below_hz,
+                rests: false,
+                alone: true,
+            });
         }
         let full = Grid { first: full_first, step: 1, count: samples - 2 * full_first };
         let inside = samples - 2 * thin_first;

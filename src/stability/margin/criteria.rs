@@ -46,8 +46,10 @@ pub(super) struct Criteria {
     pub(super) unknown_width: f64,
     /// Of the level of the random force where no mean force tells it.
     pub(super) unknown_level: f64,
-    /// The noise of the mean force of half a second, relative.
-    pub(super) mean_force: f64,
+    /// Deviations of the told margin over those by the likelihood: the linear equation leaves out what else
+    /// is in a cut. Of 30 000 readings of strangers' cuts 76 % were in the interval without, 85 % are with
+    /// it; with 1.5 there would be 89 %, and of the warnings that come in time a third would be lost.
+    pub(super) wider: f64,
     /// The line must be this many times the measurement noise (5 dB): below, more than a quarter of what
     /// is heard at the line is not the cut.
     pub(super) line_over_noise: f64,
@@ -83,7 +85,7 @@ impl Criteria {
         unknown_position: 0.3,
         unknown_width: 0.5,
         unknown_level: 1.5,
-        mean_force: 0.005,
+        wider: 1.3,
         line_over_noise: 3.0,
         widest_interval: 2.0,
         coarse_1_s: 8.0,

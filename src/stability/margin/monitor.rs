@@ -482,10 +482,8 @@ impl MarginMonitor {
         state.now = self.condition(state, &state.slices.mean(NOW));
         let seconds = 1.0 + state.age as f64 * self.band.slice_s();
         let Some(later) = state.posterior.later(seconds, &self.criteria.drift) else { return };
-        let Some(mut covariance) = later.covariance() else { return };
-        covariance[(place::STIFFNESS, place::STIFFNESS)] += self.criteria.mean_force.powi(2);
-        let Some(spread) = covariance.cholesky() else { return };
-        state.spread = spread.l();
+        let Some(spread) = later.covariance().and_then(Information::cholesky) else { return };
+        state.spread = spread.l() * self.criteria.wider;
         state.roots = Roots::default();
         (state.cloud, state.number, state.found) = (Cloud::Search, 0, 0);
     }
