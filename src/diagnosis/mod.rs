@@ -133,17 +133,12 @@ pub enum DiagnoseError {
         below_hz: f64,
         /// With what was recorded at rest there would be enough.
         rests: bool,
-        /// This recording is, whatever the others hold; else all are together.
-        alone: bool,
+        /// This one recording is; else all are together.
+        one: bool,
     },
 }
 
 impl DiagnoseError {
-    /// True where one recording is too short for the filters, whatever the others hold.
-    fn is_of_one(&self) -> bool {
-        matches!(self, Self::TooShort { alone: true, .. })
-    }
-
     /// True where the error speaks of a recording with this experiment.
     #[must_use]
     pub fn concerns(&self, experiment: &str) -> bool {
@@ -236,8 +231,8 @@ pub fn diagnose(
 /// Where every axis stands in every recording while the spindle turns, or all that moves is in a cut, the
 /// answer says that there is no evidence ([`Diagnosis::no_evidence`]).
 ///
-/// Errors: no recording, no axis in common, a missing column, a recording shorter than the filters, an axis
-/// that stands without a spindle, a sign or a unit that is not the stated one.
+/// Errors: no recording, no axis in common, a missing column, all recordings shorter than the filters, an
+/// axis that stands without a spindle, a sign or a unit that is not the stated one.
 pub fn diagnose_with(
     machine: &Machine,
     recordings: &[Recording],
@@ -295,8 +290,8 @@ fn with_lead(machine: &Machine, axis: &AxisModel, lead: &Correction) -> (Machine
     (machine, axis)
 }
 
-/// Diagnoses an axis from all recordings but those that say less than the others, see [`left_out`], or are
-/// too short for the filters.
+/// Diagnoses an axis from all recordings but those that say less than the others, see [`left_out`]. While one
+/// is too short for the filters, the shortest goes, too, as long as the axis moves in another.
 fn moving(
     model: (&Machine, &AxisModel),
     recordings: &[Recording],
@@ -304,12 +299,12 @@ fn moving(
     (stands, progress): (&[bool], Progress<'_>),
 ) -> Result<Diagnosis, DiagnoseError> {
     let mut out = left_out(model.1, recordings, (&options, stands));
-    let mut refused = None;
+    let mut too_short = None;
     loop {
         out.sort_unstable();
         let left_out: Vec<usize> = out.iter().map(|(k, _)| *k).collect();
-        let mut kept = recordings.iter().enumerate().filter(|(k, _)| !left_out.contains(k));
-        one_rate(kept.clone().map(|(_, r)| r))?;
+        let kept = || (0..recordings.len()).filter(|k| !left_out.contains(k));
+        one_rate(kept().map(|k| &recordings[k]))?;
         let others;
         let those = if left_out.is_empty() {
             recordings
@@ -326,13 +321,15 @@ fn moving(
                 diagnosis.left_out = left_out;
                 return Ok(diagnosis);
             }
-            Err(error) => error,
+            Err(error @ DiagnoseError::TooShort { one: true, .. }) => too_short.get_or_insert(error).clone(),
+            Err(error @ DiagnoseError::TooShort { .. }) => return Err(too_short.unwrap_or(error)),
+            Err(error) => return Err(error),
         };
-        let is_short = |(_, r): &(usize, &Recording)| error.is_of_one() && error.concerns(&r.experiment);
-        let short = kept.find(is_short).filter(|_| those.len() > 1);
-        let error = refused.get_or_insert(error);
-        let Some((short, _)) = short else { return Err(error.clone()) };
-        out.push((short, "it is too short for the band that its noise and the others' leave"));
+        let Some(shortest) = kept().min_by_key(|k| recordings[*k].len()) else { return Err(error) };
+        if !kept().any(|k| k != shortest && !stands[k]) {
+            return Err(error);
+        }
+        out.push((shortest, "it is too short for the band that its rate and the noise of all leave"));
     }
 }
 

@@ -374,7 +374,7 @@ pub struct Diagnosis {
     /// Per recording that was looked at, in the order they were handed in.
     pub recordings: Vec<RecordingFit>,
     /// Indices, as they were handed in, of those of which nothing was asked: the axis stands in it while a
-    /// spindle turns, or it was mended or rounded and others are whole. The notes say why.
+    /// spindle turns, it was mended or rounded and others are whole, or it is too short. The notes say why.
     pub left_out: Vec<usize>,
     /// Why nothing can be told of the drive here. The verdict is then that nothing speaks against the model,
     /// since nothing could.

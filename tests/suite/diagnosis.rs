@@ -613,15 +613,24 @@ fn the_written_model_leaves_what_was_said() {
 fn a_recording_too_short_for_the_filters_is_left_out_beside_others() {
     let machine = machine_from_text(Path::new("machine.toml"), RIGID).unwrap();
     let long = rigid_recording(0.0, 0.0);
-    let mut short = Recording { experiment: "short".to_owned(), ..long.clone() };
+    // An experiment may have the name of another.
+    let mut short = long.clone();
     short.columns.iter_mut().for_each(|c| c.values.truncate(200));
     let of = |recordings: &[Recording]| diagnose(&machine, recordings, &|_, _| {});
-    let (alone, beside) = (of(std::slice::from_ref(&long)).unwrap(), of(&[short.clone(), long]).unwrap());
-    assert_eq!((beside.verdict, beside.left_out), (alone.verdict, vec![0]));
-    assert!(beside.notes.iter().any(|n| n.starts_with("short: left out, since it is too short")));
-    let also = Recording { experiment: "also short".to_owned(), ..short.clone() };
-    let told = of(&[short, also]).unwrap_err().to_string();
-    assert!(told.starts_with("recording short: 200 samples in motion, at least "), "{told}");
+    let alone = of(std::slice::from_ref(&long)).unwrap();
+    for (of_short, recordings) in [[&short, &long], [&long, &short]].into_iter().enumerate() {
+        let beside = of(&recordings.map(Recording::clone)).unwrap();
+        assert_eq!((beside.verdict, beside.left_out), (alone.verdict, vec![of_short]));
+        let told = format!("{}: left out, since it is too short", short.experiment);
+        assert!(beside.notes.iter().any(|n| n.starts_with(&told)), "{:?}", beside.notes);
+    }
+    let told = of(&[short.clone(), short.clone()]).unwrap_err().to_string();
+    assert!(told.contains(": 200 samples in motion, at least "), "{told}");
+    // What is wrong with another is told, and not that one is short.
+    let mut nameless = long;
+    nameless.columns.truncate(1);
+    let told = of(&[short, nameless]).unwrap_err();
+    assert!(matches!(told, DiagnoseError::MissingColumn { .. }), "{told}");
 }
 
 /// A stated bristle is a part of the stated dry friction, not more of it.

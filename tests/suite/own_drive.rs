@@ -168,7 +168,7 @@ fn a_number_that_nothing_tells_to_be_wrong_is_judged_as_it_is_stated() {
     let d = diagnose(&machine, std::slice::from_ref(&recording), &|_, _| {}).unwrap();
     assert_eq!(names(&d), ["position_dependent_force"], "{:?}", d.notes);
     assert!(d.parameter_corrections.is_empty(), "{:?}", d.parameter_corrections);
-    let kept = d.notes.iter().any(|n| n.starts_with("stage_coulomb_friction_n stays at 20.00: "));
+    let kept = d.notes.iter().any(|n| n.starts_with("stage_coulomb_friction_n stays at 20.00 as stated: "));
     assert!(kept && d.unexplained.is_some(), "{:?}", d.notes);
     assert_eq!(d.model.axes[0].drive.stage_coulomb_friction_n(), 20.0);
     let again = diagnose(&d.model, &[recording], &|_, _| {}).unwrap();

@@ -2,6 +2,7 @@
 
 use super::case::{Case, Drives, Found};
 use super::closed_loop::closed_loop;
+use super::corrections::corrections;
 use super::evidence::{least_seen_n, level};
 use super::faults::force_faults;
 use super::heldout::{Named, Written, fit_taken_out, foretold_n, without};
@@ -11,7 +12,7 @@ use super::laws::{Deviations, Hypothesis, Shape, scale_deviation};
 use super::likelihood::Design;
 use super::model::{is_other_size, sizes};
 use super::notes;
-use super::numbers::{self, Absent, AsWritten, Doubt, as_written, corrections, doubt, stated_beta};
+use super::numbers::{self, Absent, AsWritten, Doubt, as_written, doubt, held, stated_beta};
 use super::rest::{Rest, rest, rest_of, spans_s};
 use super::series::{Residuals, contribution, contribution_of_number, residuals};
 use super::signals::Track;
@@ -107,8 +108,8 @@ impl Case<'_> {
     pub(super) fn answer(self, state: State) -> Diagnosis {
         let balance = self.balance;
         let (written, level) = self.written(state);
-        let held = written.held();
         let AsWritten { state, doubt, absent, unsaid, contested, undivided } = written;
+        let held = held(&unsaid, &contested);
         let mut found = self.found(&state, &doubt, &absent, level);
         found.extend(self.of_encoders(&state));
         // The model says how much it leaves, and no more is left.
@@ -148,7 +149,7 @@ impl Case<'_> {
         let faults = force_faults((self.axis, self.recordings), balance, &state, &doubt);
         let (force_faults, more) = notes::budget(&self, faults, found.is_empty());
         notes.extend(more.into_iter().chain(self.notes_of_errors()).chain(worse_n.map(notes::worse)));
-        notes.extend(notes::contested(&contested));
+        notes.extend(notes::kept(&contested));
         let asserted = if unexplained { Vec::new() } else { found };
         let first = asserted.first().map(|f| f.named);
         let findings = self.findings(asserted, (&state, &held), &left);
@@ -192,13 +193,13 @@ impl Case<'_> {
         loop {
             let (all, doubt) = determined(balance, state);
             let level = self.level(&all);
-            let written = as_written(balance, (&all, doubt), level);
+            let written = as_written((balance, self.stated), (&all, doubt), level);
             let is_gone = |(a, d): (&Accepted, &Deviations)| {
                 a.given.is_none() && is_untold(balance, &written.state, a, d)
             };
             match written.state.accepted.iter().zip(&written.doubt.laws).position(is_gone) {
                 Some(k) => state = rebuilt(balance, without(balance, &all, Named::Law(k))),
-                None => return (written.judged(balance, self.stated), level),
+                None => return (written, level),
             }
         }
     }

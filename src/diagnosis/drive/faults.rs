@@ -3,9 +3,10 @@
 //! It stands in the model before any law is asked for, and is told as a fault of the recording.
 
 use super::bank::faults;
+use super::corrections::is_late;
 use super::evidence::ask;
 use super::laws::Hypothesis;
-use super::numbers::{Doubt, is_late};
+use super::numbers::Doubt;
 use super::recorded::thrust_column;
 use super::state::{Balance, State};
 use super::subject::{Drive, PASSES};

@@ -8,6 +8,7 @@ mod base;
 mod case;
 mod closed_loop;
 mod columns;
+mod corrections;
 mod dynamics;
 mod encoders;
 mod entry;
@@ -108,7 +109,7 @@ fn balance_of(
         let needed = spectra::SHORTEST_BLOCK * balance.signals.step;
         let below_hz = balance.signals.top_hz();
         let rests = balance.plan.in_blocks() >= spectra::SHORTEST_BLOCK as f64;
-        return Err(DiagnoseError::TooShort { recording, samples, needed, below_hz, rests, alone: false });
+        return Err(DiagnoseError::TooShort { recording, samples, needed, below_hz, rests, one: false });
     }
     Ok(balance)
 }

@@ -58,10 +58,14 @@ pub(super) fn worse([stated_n, found_n]: [f64; 2]) -> String {
 }
 
 /// Numbers that stay as they are stated and were fitted elsewhere.
-pub(super) fn contested(numbers: &[Contested]) -> impl Iterator<Item = String> {
+pub(super) fn kept(numbers: &[Contested]) -> impl Iterator<Item = String> {
     numbers.iter().map(|c| {
         let [nominal, fitted] = [c.nominal, c.fitted.max(0.0)].map(|x| engineering(x, "1", 4));
-        format!("{} stays at {nominal}: {fitted} fits better, and its interval reaches to there.", c.key)
+        let deviations = (c.fitted - c.nominal).abs() / c.deviation;
+        format!(
+            "{} stays at {nominal} as stated: {fitted} fits better, by {deviations:.1} deviations.",
+            c.key
+        )
     })
 }
 

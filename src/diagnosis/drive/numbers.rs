@@ -1,4 +1,5 @@
-//! Numbers of the model beside the recordings: deviations, corrections, numbers that the model leaves out.
+//! Numbers of the model beside the recordings: deviations, those that the model leaves out, and what is
+//! judged as it is stated.
 
 use super::accepted::Accepted;
 use super::columns::TimeColumn;
@@ -16,9 +17,7 @@ use super::spectra::FOLDS;
 use super::state::{Balance, Base, LAG_STEP, Number, State, knockoff_design, stated_mechanics};
 use super::subject::slopes;
 use crate::diagnosis::criteria::{Criteria, Z95};
-use crate::diagnosis::result::Correction;
 use crate::plant::effects::Port;
-use crate::plant::effects::current_loop_lag::BANDWIDTH;
 use crate::plant::machine::AxisModel;
 use nalgebra::DVector;
 
@@ -140,37 +139,49 @@ fn left_out(balance: &Balance, state: &State) -> Vec<Number> {
     open.filter(|n| is_more(*n)).collect()
 }
 
+/// The dry friction that a number is a part of.
+fn level_of(number: Number) -> Option<Number> {
+    match number {
+        Number::MotorTurning(_) => Some(Number::MotorCoulomb),
+        Number::StageTurning(_) => Some(Number::StageCoulomb),
+        _ => None,
+    }
+}
+
+/// A part of a dry friction of another level, in the form in which it was fitted.
+fn in_same_form(state: &State, place: usize, [fitted, now]: [f64; 2]) -> f64 {
+    if fitted > 0.0 { state.base.fit.beta[place] / fitted * now } else { 0.0 }
+}
+
 /// What is held where some numbers are as they are stated, by place: nothing of those that are left out, or
 /// what the motor has of one.
 fn held_as_stated(balance: &Balance, state: &State, numbers: &[Number]) -> Vec<(usize, f64)> {
     let stated = stated_numbers(balance, state);
-    // Parts of a dry friction that is not there are not there.
-    let is_gone = |n: Number| numbers.contains(&n) && stated_mechanics(balance).of(n) == 0.0;
-    let is_part = |n: &Number| match n {
-        Number::MotorTurning(_) => is_gone(Number::MotorCoulomb),
-        Number::StageTurning(_) => is_gone(Number::StageCoulomb),
-        _ => false,
+    let held = |number: &Number| numbers.contains(number);
+    let number = |(k, n): (usize, &Number)| match level_of(*n).filter(held) {
+        Some(level) => Some((k, in_same_form(state, k, [state.now.mechanics.of(level), stated.of(level)]))),
+        None => held(n).then(|| (k, stated.of(*n))),
     };
-    let number = |(k, n): (usize, &Number)| (numbers.contains(n) || is_part(n)).then(|| (k, stated.of(*n)));
+    let is_gone = held(&Number::StageCoulomb) && stated_mechanics(balance).stage_coulomb_n == 0.0;
     let bristle = |(k, a): (usize, &Accepted)| {
         let is_bristle = a.given.is_none() && a.hypothesis.facts().is_dry_friction;
         let places = state.place(k)..state.place(k) + a.coefficients();
         places.filter(move |_| is_bristle).map(|place| (place, 0.0))
     };
-    let bristles =
-        state.accepted.iter().enumerate().filter(|_| is_gone(Number::StageCoulomb)).flat_map(bristle);
+    let bristles = state.accepted.iter().enumerate().filter(|_| is_gone).flat_map(bristle);
     state.base.numbers.iter().enumerate().filter_map(number).chain(bristles).collect()
 }
 
 /// The design with some numbers held as they are stated, and where a fit begins. The masses stay as the state
 /// has them: that friction is left out is no reason for another mass, and where nothing else moves the axis
-/// one of any size is the likeliest.
+/// one of any size is the likeliest. Where it is a mass that is held the others make up for it.
 fn as_stated(balance: &Balance, state: &State, numbers: &[Number]) -> (Design, Vec<f64>) {
     let (mut design, mut beta) = (state.base.design.clone(), state.base.fit.beta.clone());
-    held_as_stated(balance, state, numbers).into_iter().for_each(|(k, value)| beta[k] = value);
-    let masses = design.masses.iter().map(|(k, _)| (*k, beta[*k])).collect::<Vec<_>>();
-    let held = held_as_stated(balance, state, numbers).into_iter().chain(masses);
-    held.for_each(|(k, value)| design.bounds[k] = [value; 2]);
+    let held = held_as_stated(balance, state, numbers);
+    held.iter().for_each(|(k, value)| beta[*k] = *value);
+    let of_masses = design.masses.iter().map(|(k, _)| (*k, beta[*k]));
+    let masses: Vec<(usize, f64)> = of_masses.filter(|_| !numbers.iter().any(|n| n.is_mass())).collect();
+    held.into_iter().chain(masses).for_each(|(k, value)| design.bounds[k] = [value; 2]);
     (design, beta)
 }
 
@@ -193,7 +204,7 @@ fn refitted(balance: &Balance, state: &State, numbers: &[Number]) -> (Design, Fi
 
 /// A state as it is written.
 pub(super) struct AsWritten {
-    /// Without numbers that nothing says, others as they are stated.
+    /// Without numbers that nothing says, contested ones as they are stated.
     pub(super) state: State,
     /// Its deviations; of masses, and of when a force acts, as they were beside all numbers.
     pub(super) doubt: Doubt,
@@ -207,44 +218,41 @@ pub(super) struct AsWritten {
     pub(super) undivided: Option<[f64; 2]>,
 }
 
-impl AsWritten {
-    /// Numbers that are held as they are stated.
-    pub(super) fn held(&self) -> Vec<Number> {
-        held(&self.unsaid, &self.contested)
-    }
-
-    /// The same with [`contested`] numbers as they are stated; `axis`: the stated one. Deviations are those
-    /// of the fit.
-    pub(super) fn judged(self, balance: &Balance, axis: &AxisModel) -> Self {
-        let contested = contested(balance, axis, &self.state, &self.doubt);
-        if contested.is_empty() {
-            return self;
-        }
-        let state = refitted_as_is(balance, &self.state, &held(&self.unsaid, &contested));
-        Self { state, contested, ..self }
-    }
-}
-
 /// Numbers that nothing says, and contested ones.
 pub(super) fn held(unsaid: &[Number], contested: &[Contested]) -> Vec<Number> {
     unsaid.iter().copied().chain(contested.iter().map(|c| c.number)).collect()
 }
 
-/// A state with its deviations as it is written; `level`: what chance reaches.
-pub(super) fn as_written(balance: &Balance, (state, beside_all): (&State, Doubt), level: f64) -> AsWritten {
+/// A state with its deviations as it is written; `axis`: as stated; `level`: what chance reaches.
+pub(super) fn as_written(
+    (balance, axis): (&Balance, &AxisModel),
+    (state, beside_all): (&State, Doubt),
+    level: f64,
+) -> AsWritten {
     let mut absent = absent(balance, state, &beside_all, level);
-    let contested = Vec::new();
+    // Deviations of a fit with numbers held; `rest`: what they are wider by.
+    let doubt_of = |held: &State, rest: &Rest| {
+        let mut doubt = doubt(balance, held, rest);
+        doubt.path = beside_all.path;
+        for (k, _) in &held.base.design.masses {
+            doubt.numbers[*k] = beside_all.numbers[*k];
+        }
+        doubt
+    };
     loop {
         let unsaid = unsaid(balance, state, &absent);
-        if unsaid.is_empty() {
-            let (state, doubt) = (state.clone(), beside_all);
-            return AsWritten { state, doubt, absent, unsaid, contested, undivided: None };
+        let (mut written, mut doubt) = (state.clone(), beside_all.clone());
+        if !unsaid.is_empty() {
+            written = refitted_as_is(balance, state, &unsaid);
+            doubt = doubt_of(&written, &rest(balance, &written));
         }
-        let written = refitted_as_is(balance, state, &unsaid);
-        let mut doubt = doubt(balance, &written, &rest(balance, &written));
-        doubt.path = beside_all.path;
-        for (k, _) in &written.base.design.masses {
-            doubt.numbers[*k] = beside_all.numbers[*k];
+        let contested = contested((balance, axis), (&written, &doubt), |numbers| {
+            refitted_as_is(balance, &written, &[&unsaid[..], numbers].concat())
+        });
+        if !contested.is_empty() {
+            let left = rest(balance, &written);
+            written = refitted_as_is(balance, &written, &held(&unsaid, &contested));
+            doubt = doubt_of(&written, &left);
         }
         let count = absent.len();
         absent.retain_mut(|a| {
@@ -254,7 +262,8 @@ pub(super) fn as_written(balance: &Balance, (state, beside_all): (&State, Doubt)
             value > Z95 * deviation
         });
         if absent.len() == count {
-            let undivided = undivided(balance, state, &unsaid);
+            let open = (!unsaid.is_empty()).then_some(&unsaid);
+            let undivided = open.and_then(|unsaid| undivided(balance, state, unsaid));
             return AsWritten { state: written, doubt, absent, unsaid, contested, undivided };
         }
     }
@@ -336,33 +345,29 @@ pub(super) fn unsaid(balance: &Balance, state: &State, said: &[Absent]) -> Vec<N
     all.filter(|number| said.iter().all(|a| a.number != *number)).collect()
 }
 
-/// Numbers as they are stated: of dry friction what is not in a stated bristle.
+/// Numbers as they are stated: of dry friction what is not in a bristle.
 fn stated_numbers(balance: &Balance, state: &State) -> Mechanics {
     let mut m = stated_mechanics(balance);
-    let bristles =
-        state.accepted.iter().filter(|a| a.given.is_some() && a.hypothesis.facts().is_dry_friction);
+    let bristles = state.accepted.iter().filter(|a| a.hypothesis.facts().is_dry_friction);
     m.stage_coulomb_n = (m.stage_coulomb_n - bristles.map(|a| a.amplitudes[0]).sum::<f64>()).max(0.0);
     m
 }
 
 /// The stated numbers in the order of the balance, and its laws as they are stated. What nobody states is as
-/// fitted: zero and scale of the encoders, and in what form dry friction turns.
+/// fitted: zero and scale of the encoders, and in what form dry friction turns. So is a mass that nothing
+/// accelerates: a stated one moves the noise of its acceleration.
 pub(super) fn stated_beta(balance: &Balance, state: &State) -> Vec<f64> {
     let m = stated_numbers(balance, state);
     let fitted =
         |number| state.base.numbers.iter().position(|n| *n == number).map(|k| state.base.fit.beta[k]);
-    let same_form = |part: f64, level| {
-        let fitted = fitted(level).filter(|fitted| *fitted > 0.0);
-        fitted.map_or(0.0, |fitted| part / fitted * m.of(level))
-    };
     let number = |(k, n): (usize, &Number)| match n {
         Number::Zero | Number::Scale => state.base.fit.beta[k],
-        // What does not accelerate tells no mass: a stated one moves the noise of its acceleration.
         Number::StageMass if !state.now.inertial => state.base.fit.beta[k],
-        Number::MotorTurning(_) => same_form(state.base.fit.beta[k], Number::MotorCoulomb),
-        Number::StageTurning(_) => same_form(state.base.fit.beta[k], Number::StageCoulomb),
         Number::EncoderTiming => -balance.stage_later_s.unwrap_or(0.0),
-        n => m.of(*n),
+        n => match level_of(*n) {
+            Some(level) => in_same_form(state, k, [fitted(level).unwrap_or(0.0), m.of(level)]),
+            None => m.of(*n),
+        },
     };
     let mut beta: Vec<f64> = state.base.numbers.iter().enumerate().map(number).collect();
     beta.extend(state.accepted.iter().map(|_| 1.0));
@@ -392,7 +397,7 @@ pub(super) struct Beside {
     pub(super) deviation: f64,
     /// What the balance has with it as one: of the motor's side with one position, of a screw that is stated
     /// beside the motor.
-    other: f64,
+    pub(super) other: f64,
     tolerance: f64,
 }
 
@@ -412,8 +417,13 @@ impl Beside {
         self.apart(off) > Criteria::STANDARD.correction_tolerances * self.tolerance
     }
 
+    /// True where what is stated is no farther than a number must be from its statement to be wrong.
+    fn is_near(&self) -> bool {
+        (self.value - self.nominal).abs() < Criteria::STANDARD.correction_deviations * self.deviation
+    }
+
     /// True where the recordings contradict it.
-    fn is_told_wrong(&self, off: f64) -> bool {
+    pub(super) fn is_told_wrong(&self, off: f64) -> bool {
         let share = self.deviation / (self.value + self.other);
         self.value > 0.0
             && self.is_elsewhere(off)
@@ -426,25 +436,52 @@ impl Beside {
     }
 }
 
-/// A number that is fitted elsewhere than it is stated, with an interval that reaches to there: nothing says
-/// that it is wrong.
+/// A number that is fitted elsewhere than it is stated, and that the recordings do not contradict.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Contested {
     pub(super) number: Number,
     pub(super) key: &'static str,
     pub(super) nominal: f64,
     pub(super) fitted: f64,
+    pub(super) deviation: f64,
 }
 
-/// Those of a state, unless all forces are off by a factor.
-fn contested(balance: &Balance, axis: &AxisModel, state: &State, doubt: &Doubt) -> Vec<Contested> {
-    let all = beside(balance, axis, state, doubt);
-    if told_scale(balance, &all) != 0.0 {
+/// Those of a state, and those that are elsewhere when these are as they are stated, `with`; none where all
+/// forces are off by a factor, or numbers of a second mass are guesses.
+fn contested(
+    (balance, axis): (&Balance, &AxisModel),
+    (state, doubt): (&State, &Doubt),
+    with: impl Fn(&[Number]) -> State,
+) -> Vec<Contested> {
+    let free = beside(balance, axis, state, doubt);
+    if told_scale(balance, &free) != 0.0 || free.iter().any(|n| n.is_of_second_mass(balance)) {
         return Vec::new();
     }
-    let open = all.iter().filter(|n| n.nominal > 0.0 && n.is_elsewhere(0.0) && !n.is_told_wrong(0.0));
-    let of = |n: &Beside| Contested { number: n.number, key: n.key, nominal: n.nominal, fitted: n.value };
-    open.map(of).collect()
+    let mut list: Vec<Contested> = Vec::new();
+    let mut now = free.clone();
+    loop {
+        let is_open = |(free, now): &(&Beside, &Beside)| {
+            free.nominal > 0.0 && now.is_elsewhere(0.0) && free.is_near() && !free.is_told_wrong(0.0)
+        };
+        let more: Vec<Contested> = free
+            .iter()
+            .zip(&now)
+            .filter(is_open)
+            .map(|(n, now)| Contested {
+                number: n.number,
+                key: n.key,
+                nominal: n.nominal,
+                fitted: now.value,
+                deviation: n.deviation,
+            })
+            .filter(|n| list.iter().all(|known| known.number != n.number))
+            .collect();
+        if more.is_empty() {
+            return list;
+        }
+        list.extend(more);
+        now = beside(balance, axis, &with(&held(&[], &list)), doubt);
+    }
 }
 
 /// Every number of the drive that the balance has, in the key's unit; `axis`: as stated.
@@ -497,86 +534,8 @@ pub(super) fn common_scale(balance: &Balance, numbers: &[Beside]) -> f64 {
 }
 
 /// That factor where it is more than masses are stated to, else none: 0.
-fn told_scale(balance: &Balance, numbers: &[Beside]) -> f64 {
+pub(super) fn told_scale(balance: &Balance, numbers: &[Beside]) -> f64 {
     let c = &Criteria::STANDARD;
     let common = common_scale(balance, numbers);
     if common.abs() > c.correction_tolerances * c.mass_tolerance { common } else { 0.0 }
-}
-
-/// True where the force comes later than its motion, whatever its dead time and the sample in which it acts:
-/// its clock is another.
-pub(super) fn is_late(balance: &Balance, state: &State, doubt: &Doubt) -> bool {
-    let within_s = balance.timing_deviation_s(state.coulomb_n());
-    let earliest_s = Criteria::STANDARD.timing_samples[0] / balance.signals.rate_hz;
-    state.now.found_delay && state.now.path.delay_s < earliest_s - Z95 * doubt.path[0].hypot(within_s)
-}
-
-/// Numbers that the recordings contradict.
-pub(super) fn corrections(
-    balance: &Balance,
-    axis: &AxisModel,
-    state: &State,
-    doubt: &Doubt,
-) -> Vec<Correction> {
-    let c = &Criteria::STANDARD;
-    let all = beside(balance, axis, state, doubt);
-    let scale = scale_deviation(balance);
-    let off = told_scale(balance, &all);
-    let mut list = Vec::new();
-    for n in all.iter().filter(|n| n.nominal > 0.0 && n.is_told_wrong(off)) {
-        let value = n.under(off);
-        let half = Z95 * n.deviation.hypot(scale * (value + n.other));
-        list.push(Correction::within(n.key, n.nominal, value, half));
-    }
-    for n in all.iter().filter(|n| n.is_of_second_mass(balance) && n.value > Z95 * n.deviation) {
-        list.push(Correction::within(n.key, 0.0, n.value, Z95 * n.deviation.hypot(scale * n.value)));
-    }
-    if let Some(nominal) = balance.drive.torque_constant_nm_a().filter(|_| off != 0.0) {
-        let value = nominal * (-off).exp();
-        let half = Z95 * c.torque_constant_tolerance * value;
-        list.push(Correction::within("torque_constant_nm_a", nominal, value, half));
-    }
-    let stated_s = balance.drive.amplifier_dead_time_s();
-    let found_s = state.now.path.delay_s.max(0.0);
-    let half_s = Z95 * doubt.path[0].hypot(balance.timing_deviation_s(state.coulomb_n()));
-    if state.now.found_delay && found_s + half_s < stated_s && !is_late(balance, state, doubt) {
-        list.push(Correction::within("amplifier_dead_time_s", stated_s, found_s, half_s));
-    }
-    list.extend(quicker_loop(balance, state, doubt));
-    list.extend(read_apart(balance, axis, state, doubt));
-    if state.now.found_smoothing && axis.drive.raw().friction_smoothing_m_s.is_some() {
-        let (nominal, value) = (balance.signals.smoothing_m_s, state.now.smoothing_m_s);
-        let told = Correction::within("friction_smoothing_m_s", nominal, value, 0.0);
-        list.push(Correction { ci95: [0.9 * value, 1.1 * value], ..told });
-    }
-    list
-}
-
-/// A current loop that is quicker than stated. One at a bound is none.
-fn quicker_loop(balance: &Balance, state: &State, doubt: &Doubt) -> Option<Correction> {
-    let stated = balance.drive.current_loop_bandwidth_rad_s().filter(|_| state.now.found_loop)?;
-    let most = (1.0 - Criteria::STANDARD.at_bound) * BANDWIDTH.bounds[1];
-    let found = state.now.path.loop_rad_s.filter(|found| *found < most)?;
-    let k = state.base.numbers.iter().position(|n| *n == Number::Lag)?;
-    // Of a loop its lag is told.
-    let half = Z95 * doubt.path[1].hypot(balance.timing_deviation_s(state.coulomb_n()) * found);
-    let told = Correction::within("current_loop_bandwidth_rad_s", stated, found, 0.0);
-    let is_told = (found / stated).ln() > half && !state.base.fit.held[k];
-    is_told.then(|| Correction { ci95: [-half, half].map(|h| found * h.exp()), ..told })
-}
-
-/// How much later one encoder is read than the other, where nobody states when both are. One at a bound is
-/// none.
-fn read_apart(balance: &Balance, axis: &AxisModel, state: &State, doubt: &Doubt) -> Option<Correction> {
-    let k = state.base.numbers.iter().position(|n| *n == Number::EncoderTiming)?;
-    let more_s = balance.stage_later_s? + state.base.fit.beta[k];
-    let half_s = Z95 * doubt.numbers[k].hypot(Criteria::STANDARD.timing_deviation / balance.signals.rate_hz);
-    let stated = given::folded(axis).drive;
-    let (key, nominal_s) = if more_s > 0.0 {
-        ("stage_encoder_delay_s", stated.stage_encoder_delay_s())
-    } else {
-        ("motor_encoder_delay_s", stated.motor_encoder_delay_s())
-    };
-    let told = Correction::within(key, nominal_s, nominal_s + more_s.abs(), half_s);
-    (more_s.abs() > half_s && !state.base.fit.held[k]).then_some(told)
 }

@@ -242,7 +242,7 @@ impl Signals {
                 needed,
                 below_hz,
                 rests: false,
-                alone: true,
+                one: true,
             });
         }
         let full = Grid { first: full_first, step: 1, count: samples - 2 * full_first };

@@ -403,8 +403,8 @@ impl MarginMonitor {
             let mean_n = (means.force_n - state.air_mean_n).abs();
             state.reference_n_m2 = mean_n / means.chip_m2().max(f64::MIN_POSITIVE);
         }
-        if state.joined >= self.criteria.joint_blocks && !state.known {
-            // No fit of them had a stable point: nothing is carried forward, the next ones are asked anew.
+        if state.joined >= self.criteria.searched_blocks && !state.known {
+            // No fit of them had a stable point: the next ones are asked anew.
             (state.filled, state.joined) = (0, 0);
         }
         let joint = state.joined < self.criteria.joint_blocks;
@@ -425,7 +425,7 @@ impl MarginMonitor {
         self.expect_interference(&mut state.blocks[place], &state.band);
         if joint {
             let prior = Gaussian::independent(self.settings.prior.means(), &state.deviations);
-            if state.joined <= self.criteria.searched_blocks || !state.known {
+            if state.joined <= self.criteria.searched_blocks {
                 state.fit.search(&prior);
             } else {
                 let from = state.posterior.mean;
@@ -548,7 +548,7 @@ fn lowest(power: &[f64], middle_hz: f64) -> Noise {
 mod tests {
     use super::*;
 
-    /// Ten blocks in which no fit had a stable point; what is known of another cut stands still there.
+    /// Blocks of which no fit had a stable point.
     #[test]
     fn a_cut_of_which_nothing_was_learned_is_asked_anew() {
         let settings = MarginSettings {
@@ -560,11 +560,12 @@ mod tests {
         };
         let monitor = MarginMonitor::new(settings);
         let mut state = monitor.start(0);
-        let all = monitor.criteria.joint_blocks;
-        (state.joined, state.filled) = (all, all);
+        let searched = monitor.criteria.searched_blocks;
+        (state.joined, state.filled) = (searched, searched);
         monitor.take_block(&mut state);
         assert_eq!((state.fit.stage, state.joined, state.filled), (Stage::Search, 1, 1));
         // One that is known is followed.
+        let all = monitor.criteria.joint_blocks;
         (state.joined, state.filled, state.known) = (all, all, true);
         monitor.take_block(&mut state);
         assert_eq!((state.fit.stage, state.joined, state.filled), (Stage::Refine, all + 1, 1));
