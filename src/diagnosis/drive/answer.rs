@@ -233,8 +233,8 @@ impl Case<'_> {
     }
 
     /// What the stated model leaves, and a state.
-    fn series(&self, state: &State) -> Residuals {
-        let stated = stated_beta(self.balance, self.start);
+    pub(super) fn series(&self, state: &State) -> Residuals {
+        let stated = stated_beta(self.balance, self.start, state.now.inertial);
         let series = residuals(self.balance, (self.start, &stated), state);
         series.with(&self.error_forces(self.start))
     }

@@ -9,9 +9,8 @@ use super::case::Case;
 use super::evidence::{ask, level};
 use super::laws::cutting_force::Push;
 use super::laws::{Deviations, Hypothesis, Shape};
-use super::numbers::{doubt, stated_beta};
+use super::numbers::doubt;
 use super::rest::{Rest, rest};
-use super::series::residuals;
 use super::state::{Accepted, Balance, State, residual};
 use super::subject::Drive;
 use crate::diagnosis::criteria::Criteria;
@@ -97,8 +96,7 @@ impl Case<'_> {
 
     /// The answer of an axis of which nothing can be told but a cut (`state`: the model with it).
     fn nothing_else(&self, state: &State) -> Diagnosis {
-        let stated = stated_beta(self.balance, self.start);
-        let series = residuals(self.balance, (self.start, &stated), state);
+        let series = self.series(state);
         let found = Case { notes: Vec::new(), ..*self }.answer(self.start.clone());
         let note =
             "Without the cut too little was measured in motion: nothing else can be told of this axis.";

@@ -355,14 +355,14 @@ fn stated_numbers(balance: &Balance, state: &State) -> Mechanics {
 
 /// The stated numbers in the order of the balance, and its laws as they are stated. What nobody states is as
 /// fitted: zero and scale of the encoders, and in what form dry friction turns. So is a mass that nothing
-/// accelerates: a stated one moves the noise of its acceleration.
-pub(super) fn stated_beta(balance: &Balance, state: &State) -> Vec<f64> {
+/// accelerates (not `inertial`): a stated one moves the noise of its acceleration.
+pub(super) fn stated_beta(balance: &Balance, state: &State, inertial: bool) -> Vec<f64> {
     let m = stated_numbers(balance, state);
     let fitted =
         |number| state.base.numbers.iter().position(|n| *n == number).map(|k| state.base.fit.beta[k]);
     let number = |(k, n): (usize, &Number)| match n {
         Number::Zero | Number::Scale => state.base.fit.beta[k],
-        Number::StageMass if !state.now.inertial => state.base.fit.beta[k],
+        Number::StageMass if !inertial => state.base.fit.beta[k],
         Number::EncoderTiming => -balance.stage_later_s.unwrap_or(0.0),
         n => match level_of(*n) {
             Some(level) => in_same_form(state, k, [fitted(level).unwrap_or(0.0), m.of(level)]),
