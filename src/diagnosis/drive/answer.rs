@@ -107,8 +107,7 @@ impl Case<'_> {
     /// The answer for a state.
     pub(super) fn answer(self, state: State) -> Diagnosis {
         let balance = self.balance;
-        let (written, level) = self.written(state);
-        let AsWritten { state, doubt, absent, unsaid, contested, undivided } = written;
+        let (AsWritten { state, doubt, absent, unsaid, contested, undivided }, level) = self.written(state);
         let held = held(&unsaid, &contested);
         let mut found = self.found(&state, &doubt, &absent, level);
         found.extend(self.of_encoders(&state));
@@ -132,7 +131,7 @@ impl Case<'_> {
         let outweighed = !as_stated && found.iter().any(|f| self.is_outweighed(f));
         let series = self.series(&state);
         let is_compared = balance.plan.white && !as_stated && !nothing_told;
-        let worse_n = if is_compared { self.worse_n(&series, level) } else { None };
+        let worse_n = is_compared.then(|| self.worse_n(&series, level)).flatten();
         let not_named = drives.is_unsaid() || undivided.is_some() || outweighed || worse_n.is_some();
         let is_left = left.is_left(self.stated_rest_n) || not_named;
         let share = explained_share([&before, &left], Criteria::STANDARD.repeatability * drives.thrust_n);
@@ -148,8 +147,8 @@ impl Case<'_> {
         let mut notes = self.notes_of((&left, &drives), is_left, &candidates);
         let faults = force_faults((self.axis, self.recordings), balance, &state, &doubt);
         let (force_faults, more) = notes::budget(&self, faults, found.is_empty());
-        notes.extend(more.into_iter().chain(self.notes_of_errors()).chain(worse_n.map(notes::worse)));
-        notes.extend(notes::kept(&contested));
+        let kept = notes::kept(&contested).chain(worse_n.map(notes::worse));
+        notes.extend(more.into_iter().chain(self.notes_of_errors()).chain(kept));
         let asserted = if unexplained { Vec::new() } else { found };
         let first = asserted.first().map(|f| f.named);
         let findings = self.findings(asserted, (&state, &held), &left);

@@ -246,13 +246,12 @@ pub(super) fn as_written(
             written = refitted_as_is(balance, state, &unsaid);
             doubt = doubt_of(&written, &rest(balance, &written));
         }
-        let contested = contested((balance, axis), (&written, &doubt), |numbers| {
+        let (contested, judged) = contested((balance, axis), (&written, &doubt), |numbers| {
             refitted_as_is(balance, &written, &[&unsaid[..], numbers].concat())
         });
         if !contested.is_empty() {
-            let left = rest(balance, &written);
-            written = refitted_as_is(balance, &written, &held(&unsaid, &contested));
-            doubt = doubt_of(&written, &left);
+            doubt = doubt_of(&judged, &rest(balance, &written));
+            written = judged;
         }
         let count = absent.len();
         absent.retain_mut(|a| {
@@ -446,41 +445,35 @@ pub(super) struct Contested {
     pub(super) deviation: f64,
 }
 
-/// Those of a state, and those that are elsewhere when these are as they are stated, `with`; none where all
-/// forces are off by a factor, or numbers of a second mass are guesses.
+/// Those of a state, and those that are elsewhere when these are as they are stated; with the state in which
+/// they are, as `with` has it. None where all forces are off by a factor, or numbers of a second mass are
+/// guesses.
 fn contested(
     (balance, axis): (&Balance, &AxisModel),
     (state, doubt): (&State, &Doubt),
     with: impl Fn(&[Number]) -> State,
-) -> Vec<Contested> {
+) -> (Vec<Contested>, State) {
     let free = beside(balance, axis, state, doubt);
+    let (mut list, mut judged) = (Vec::new(), state.clone());
     if told_scale(balance, &free) != 0.0 || free.iter().any(|n| n.is_of_second_mass(balance)) {
-        return Vec::new();
+        return (list, judged);
     }
-    let mut list: Vec<Contested> = Vec::new();
-    let mut now = free.clone();
     loop {
-        let is_open = |(free, now): &(&Beside, &Beside)| {
+        let now = beside(balance, axis, &judged, doubt);
+        let is_open = |free: &Beside, now: &Beside| {
             free.nominal > 0.0 && now.is_elsewhere(0.0) && free.is_near() && !free.is_told_wrong(0.0)
         };
-        let more: Vec<Contested> = free
-            .iter()
-            .zip(&now)
-            .filter(is_open)
-            .map(|(n, now)| Contested {
-                number: n.number,
-                key: n.key,
-                nominal: n.nominal,
-                fitted: now.value,
-                deviation: n.deviation,
-            })
-            .filter(|n| list.iter().all(|known| known.number != n.number))
-            .collect();
+        let of = |(free, now): (&Beside, &Beside)| {
+            let Beside { number, key, nominal, deviation, .. } = *free;
+            is_open(free, now).then_some(Contested { number, key, nominal, fitted: now.value, deviation })
+        };
+        let is_new = |n: &Contested| list.iter().all(|known: &Contested| known.number != n.number);
+        let more: Vec<Contested> = free.iter().zip(&now).filter_map(of).filter(is_new).collect();
         if more.is_empty() {
-            return list;
+            return (list, judged);
         }
         list.extend(more);
-        now = beside(balance, axis, &with(&held(&[], &list)), doubt);
+        judged = with(&held(&[], &list));
     }
 }
 
