@@ -273,8 +273,7 @@ fn alternatives(out: &mut String, f: &Finding) {
     }
 }
 
-/// A table of numbers that are told to be wrong: of what, by what; `named`: how a number is
-/// called.
+/// A table of numbers that are told to be wrong: of what, by what; `named`: how a number is called.
 pub(super) fn corrections(
     out: &mut String,
     list: &[Correction],

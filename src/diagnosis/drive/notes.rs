@@ -9,7 +9,7 @@ use super::bank::candidates;
 use super::case::{Case, Drives, Found};
 use super::laws::Hypothesis;
 use super::number::Number;
-use super::numbers::{Absent, Contested};
+use super::numbers::{Absent, Beside};
 use super::rest::{Rest, spans_s};
 use super::state::State;
 use crate::diagnosis::result::{
@@ -58,10 +58,10 @@ pub(super) fn worse([stated_n, found_n]: [f64; 2]) -> String {
 }
 
 /// Numbers that stay as they are stated and were fitted elsewhere.
-pub(super) fn kept(numbers: &[Contested]) -> impl Iterator<Item = String> {
+pub(super) fn kept(numbers: &[Beside]) -> impl Iterator<Item = String> {
     numbers.iter().map(|c| {
-        let [nominal, fitted] = [c.nominal, c.fitted.max(0.0)].map(|x| engineering(x, "1", 4));
-        let deviations = (c.fitted - c.nominal).abs() / c.deviation;
+        let [nominal, fitted] = [c.nominal, c.value.max(0.0)].map(|x| engineering(x, "1", 4));
+        let deviations = (c.value - c.nominal).abs() / c.deviation;
         format!(
             "{} stays at {nominal} as stated: {fitted} fits better, by {deviations:.1} deviations.",
             c.key

@@ -213,13 +213,13 @@ pub(super) struct AsWritten {
     /// What is not: the model that is written has none of it.
     pub(super) unsaid: Vec<Number>,
     /// See [`contested`]: the model that is written has them as they were.
-    pub(super) contested: Vec<Contested>,
+    pub(super) contested: Vec<Beside>,
     /// See [`undivided`].
     pub(super) undivided: Option<[f64; 2]>,
 }
 
 /// Numbers that nothing says, and contested ones.
-pub(super) fn held(unsaid: &[Number], contested: &[Contested]) -> Vec<Number> {
+pub(super) fn held(unsaid: &[Number], contested: &[Beside]) -> Vec<Number> {
     unsaid.iter().copied().chain(contested.iter().map(|c| c.number)).collect()
 }
 
@@ -261,8 +261,7 @@ pub(super) fn as_written(
             value > Z95 * deviation
         });
         if absent.len() == count {
-            let open = (!unsaid.is_empty()).then_some(&unsaid);
-            let undivided = open.and_then(|unsaid| undivided(balance, state, unsaid));
+            let undivided = undivided(balance, state, &unsaid);
             return AsWritten { state: written, doubt, absent, unsaid, contested, undivided };
         }
     }
@@ -323,6 +322,9 @@ fn evidence_nats(balance: &Balance, state: &State, numbers: &[Number]) -> f64 {
 fn undivided(balance: &Balance, state: &State, unsaid: &[Number]) -> Option<[f64; 2]> {
     let base = &state.base;
     let open: Vec<Number> = unsaid.iter().filter(|n| base.numbers.contains(n)).copied().collect();
+    if open.is_empty() {
+        return None;
+    }
     let held = held_as_stated(balance, state, &open);
     let cost = price(open.len(), values(&base.all));
     let chance = |(k, null): (usize, &Fit)| {
@@ -334,7 +336,7 @@ fn undivided(balance: &Balance, state: &State, unsaid: &[Number]) -> Option<[f64
     };
     let most_nats = base.knockoff_fits.iter().enumerate().map(chance).fold(0.0, f64::max);
     let level_nats = level(state, (1, most_nats));
-    let evidence_nats = if open.is_empty() { 0.0 } else { evidence_nats(balance, state, &open) };
+    let evidence_nats = evidence_nats(balance, state, &open);
     (evidence_nats > level_nats).then_some([evidence_nats, level_nats])
 }
 
@@ -435,40 +437,27 @@ impl Beside {
     }
 }
 
-/// A number that is fitted elsewhere than it is stated, and that the recordings do not contradict.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Contested {
-    pub(super) number: Number,
-    pub(super) key: &'static str,
-    pub(super) nominal: f64,
-    pub(super) fitted: f64,
-    pub(super) deviation: f64,
-}
-
-/// Those of a state, and those that are elsewhere when these are as they are stated; with the state in which
-/// they are, as `with` has it. None where all forces are off by a factor, or numbers of a second mass are
-/// guesses.
+/// Numbers that are fitted elsewhere than they are stated, and that the recordings do not contradict: of a
+/// state, and those that are elsewhere when these are as they are stated; with the state in which they are,
+/// as `with` has it. None where all forces are off by a factor, or numbers of a second mass are guesses.
 fn contested(
     (balance, axis): (&Balance, &AxisModel),
     (state, doubt): (&State, &Doubt),
     with: impl Fn(&[Number]) -> State,
-) -> (Vec<Contested>, State) {
+) -> (Vec<Beside>, State) {
     let free = beside(balance, axis, state, doubt);
-    let (mut list, mut judged) = (Vec::new(), state.clone());
+    let (mut list, mut judged) = (Vec::<Beside>::new(), state.clone());
     if told_scale(balance, &free) != 0.0 || free.iter().any(|n| n.is_of_second_mass(balance)) {
         return (list, judged);
     }
     loop {
         let now = beside(balance, axis, &judged, doubt);
-        let is_open = |free: &Beside, now: &Beside| {
-            free.nominal > 0.0 && now.is_elsewhere(0.0) && free.is_near() && !free.is_told_wrong(0.0)
+        let is_open = |(free, now): &(&Beside, Beside)| {
+            let is_new = list.iter().all(|known| known.number != now.number);
+            let is_untold = free.is_near() && !free.is_told_wrong(0.0);
+            free.nominal > 0.0 && now.is_elsewhere(0.0) && is_untold && is_new
         };
-        let of = |(free, now): (&Beside, &Beside)| {
-            let Beside { number, key, nominal, deviation, .. } = *free;
-            is_open(free, now).then_some(Contested { number, key, nominal, fitted: now.value, deviation })
-        };
-        let is_new = |n: &Contested| list.iter().all(|known: &Contested| known.number != n.number);
-        let more: Vec<Contested> = free.iter().zip(&now).filter_map(of).filter(is_new).collect();
+        let more: Vec<Beside> = free.iter().zip(now).filter(is_open).map(|(_, now)| now).collect();
         if more.is_empty() {
             return (list, judged);
         }

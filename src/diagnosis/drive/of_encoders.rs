@@ -5,7 +5,7 @@ use super::columns::TimeColumn;
 use super::encoders::ReadError;
 use super::evidence::level;
 use super::heldout::{Named, Stepped};
-use super::numbers::{Contested, fit_as_stated, held};
+use super::numbers::{Beside, fit_as_stated, held};
 use super::recorded::position_at;
 use super::rest::{Rest, rest_of};
 use super::series::of_recording;
@@ -93,7 +93,7 @@ impl Case<'_> {
 
     /// What the stated model leaves of the recordings as they came, numbers that are said or contested as it
     /// states them.
-    pub(super) fn before(&self, said: &[Number], contested: &[Contested]) -> Rest {
+    pub(super) fn before(&self, said: &[Number], contested: &[Beside]) -> Rest {
         let (design, beta) = fit_as_stated(self.balance, self.start, &held(said, contested));
         let as_read = self.as_read(self.start, &beta);
         as_read.unwrap_or_else(|| rest_of(self.balance, self.start, (&design, &beta)))

@@ -245,8 +245,8 @@ impl MarginMonitor {
     /// One sample; true when the margin begins to run out.
     ///
     /// Cost: two stores and six sums a sample, a transform of 1600 points a second, and what is worked at:
-    /// bins of the spectrum (0.5 us each; up to 25 a sample in the third second of a cut, up to 9 until the
-    /// eleventh, then one) or a point of the posterior (3 us).
+    /// bins of the spectrum (0.5 us each; up to 25 a sample in the third second of a cut and while nothing is
+    /// known of it, up to 9 until the eleventh, then one) or a point of the posterior (3 us).
     pub fn step(&self, state: &mut MarginState, force_n: f64, conditions: &CutConditions) -> bool {
         state.chatters = conditions.chatter;
         let whole = self.band.push(&mut state.band, force_n);
