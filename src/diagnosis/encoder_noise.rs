@@ -19,6 +19,27 @@ pub(super) fn rounding_m(position_m: &[f64], rate_hz: f64) -> f64 {
 /// The gain of the n-th difference for white noise is the binomial (2 n over n); of a motion below a tenth of
 /// the rate it leaves less than 1e-4. Checked by: tests::noise_is_read_off_beside_any_motion.
 pub(super) fn variance_m2(position_m: &[f64], rate_hz: f64) -> f64 {
+    // Not the mean: an impact is no noise, and an axis at rest inside one step shows none.
+    median(block_powers_m2(position_m, rate_hz).collect()).unwrap_or(0.0)
+}
+
+/// The same where most samples are a step or more apart, as only there rounding is the noise of a step;
+/// `None`: nowhere.
+pub(super) fn variance_across_steps_m2(position_m: &[f64], rate_hz: f64, step_m: f64) -> Option<f64> {
+    let crosses = |x: &&[f64]| {
+        let apart = x.windows(2).filter(|w| (w[1] - w[0]).abs() > 0.5 * step_m).count();
+        2 * apart > x.len()
+    };
+    let blocks = position_m.chunks(block(rate_hz)).zip(block_powers_m2(position_m, rate_hz));
+    median(blocks.filter(|(x, _)| crosses(x)).map(|(_, power)| power).collect())
+}
+
+fn block(rate_hz: f64) -> usize {
+    ((BLOCK_S * rate_hz) as usize).max(1)
+}
+
+/// Power of the tenth differences of each block over what white noise of one unit has there.
+fn block_powers_m2(position_m: &[f64], rate_hz: f64) -> impl Iterator<Item = f64> {
     let origin = position_m.first().copied().unwrap_or(0.0);
     let mut x: Vec<f64> = position_m.iter().map(|x| x - origin).collect();
     let mut gain = 1.0;
@@ -26,11 +47,13 @@ pub(super) fn variance_m2(position_m: &[f64], rate_hz: f64) -> f64 {
         x = x.windows(2).map(|w| w[1] - w[0]).collect();
         gain *= (2 * n * (2 * n - 1)) as f64 / (n * n) as f64;
     }
-    let block = ((BLOCK_S * rate_hz) as usize).max(1);
-    let mut powers: Vec<f64> = x.chunks(block).map(|b| dot(b, b) / b.len() as f64 / gain).collect();
+    let powers: Vec<f64> = x.chunks(block(rate_hz)).map(|b| dot(b, b) / b.len() as f64 / gain).collect();
+    powers.into_iter()
+}
+
+fn median(mut powers: Vec<f64>) -> Option<f64> {
     powers.sort_by(f64::total_cmp);
-    // Not the mean: an impact is no noise, and an axis at rest inside one step shows none.
-    powers.get(powers.len() / 2).copied().unwrap_or(0.0)
+    powers.get(powers.len() / 2).copied()
 }
 
 /// Speed that steps of an encoder make, as noise of s = q / 12^(1/2), below f:

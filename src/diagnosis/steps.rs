@@ -2,6 +2,7 @@
 //! steps.
 
 use super::criteria::Criteria;
+use super::encoder_noise::variance_across_steps_m2;
 use crate::plant::effects::{EffectKind, Port, encoder_quantization};
 use crate::plant::machine::AxisModel;
 
@@ -50,6 +51,52 @@ pub(crate) fn coarser_step(position_m: &[f64], stated_m: f64) -> Option<f64> {
     (step > c.other_step * stated_m && all_on_grid).then_some(step)
 }
 
+/// The step of an encoder, m, that is coarser than `stated_m` in all of its recordings: positions in m, rates
+/// in Hz. `None`: as stated, or what is seen is no step of an encoder.
+///
+/// What is noisier than the step makes it is rounded to digits, or was reckoned. At an even speed rounding is
+/// a line that may be less, and an axis that rests crosses no steps; what is less everywhere is the sum of a
+/// rounded speed. Checked by: tests::a_step_is_told_beside_rest_and_even_speed_and_a_rounded_speed_has_none.
+pub(crate) fn coarser_step_of_all(recordings: &[(Vec<f64>, f64)], stated_m: f64) -> Option<f64> {
+    let coarser = Criteria::STANDARD.coarser_step;
+    let steps: Vec<Option<f64>> = recordings.iter().map(|(x, _)| coarser_step(x, stated_m)).collect();
+    let seen: Vec<f64> = steps.iter().flatten().copied().collect();
+    let step_m = seen.iter().sum::<f64>() / seen.len().max(1) as f64;
+    let mut loudest = 0.0_f64;
+    for ((x, rate_hz), step) in recordings.iter().zip(&steps) {
+        let Some(noise_m2) = variance_across_steps_m2(x, *rate_hz, step_m) else { continue };
+        let of_step = 12.0 * noise_m2 / step_m.powi(2);
+        if step.is_none() || of_step > coarser.powi(2) {
+            return None;
+        }
+        loudest = loudest.max(of_step);
+    }
+    (loudest > 0.5 && step_m > coarser * stated_m).then_some(step_m)
+}
+
+/// What steps add to a position, m: the read value less the line between the middles of its steps; nothing where
+/// each sample is a step of its own.
+pub(crate) fn off_steps_m(position_m: &[f64]) -> Vec<f64> {
+    let mut at = 0;
+    let middles: Vec<(f64, f64)> = position_m
+        .chunk_by(|a, b| a == b)
+        .map(|step| {
+            at += step.len();
+            (at as f64 - 0.5 * (step.len() + 1) as f64, step[0])
+        })
+        .collect();
+    let mut next = 0;
+    let between = |k: usize| {
+        while next + 1 < middles.len() && middles[next].0 < k as f64 {
+            next += 1;
+        }
+        let ((from, low), (to, high)) = (middles[next.saturating_sub(1)], middles[next]);
+        let share = ((k as f64 - from) / (to - from).max(1.0)).clamp(0.0, 1.0);
+        low + (high - low) * share
+    };
+    (0..position_m.len()).map(between).zip(position_m).map(|(line, read)| read - line).collect()
+}
+
 /// Greatest common measure of two lengths; a rest below `end` is none.
 fn common_measure(mut a: f64, mut b: f64, end: f64) -> f64 {
     while b > end {
@@ -95,5 +142,47 @@ mod tests {
         let noisy: Vec<f64> =
             quick.iter().enumerate().map(|(k, x)| x + 1e-9 * (k as f64 * 0.77).sin()).collect();
         assert_eq!(coarser_step(&noisy, 0.244e-9), None);
+    }
+
+    #[test]
+    fn a_step_is_told_beside_rest_and_even_speed_and_a_rounded_speed_has_none() {
+        let step_m = 1e-6;
+        let rounded = |x: &dyn Fn(f64) -> f64| -> (Vec<f64>, f64) {
+            ((0..40_000).map(|k| (x(f64::from(k) * 1e-4) / step_m).round() * step_m).collect(), 1e4)
+        };
+        let swings = rounded(&|t| 3e-3 * (9.0 * t).sin());
+        let even = rounded(&|t| 0.0075 * t);
+        let creeps = rounded(&|t| 5e-5 * (0.7 * t).sin());
+        let read = [swings.clone(), even, creeps];
+        let told = coarser_step_of_all(&read, 2e-8);
+        assert!(told.is_some_and(|s| (s / step_m - 1.0).abs() < 1e-6), "{told:?}");
+        assert_eq!(coarser_step_of_all(&read, 0.7e-6), None, "as stated");
+        // A speed in steps, added up: less noise than its steps have as those of a position.
+        let mut x = 0.0;
+        let speed = |k: i32| 27e-7 * (9e-4 * f64::from(k)).cos();
+        let of_speed = (0..40_000).map(|k| {
+            x += (speed(k) / step_m + 0.3 * f64::from(k % 7) / 7.0).round() * step_m;
+            x
+        });
+        assert_eq!(coarser_step_of_all(&[(of_speed.collect(), 1e4)], 2e-8), None);
+        // Digits of a noisy position.
+        let noisy = swings.0.iter().enumerate();
+        let noisy = noisy.map(|(k, x)| x + (3.0 * ((k * k) as f64).sin()).round() * step_m).collect();
+        assert_eq!(coarser_step_of_all(&[(noisy, 1e4)], 2e-8), None);
+    }
+
+    #[test]
+    fn what_steps_add_is_read_off_between_their_middles() {
+        // Four samples a step, then one step a sample.
+        let slow = (0..40).map(|k| f64::from(k / 4));
+        let x: Vec<f64> = slow.chain((0..10).map(|k| 10.0 + f64::from(k))).collect();
+        let off = off_steps_m(&x);
+        for (k, off) in off.iter().enumerate().take(36).skip(2) {
+            let line = (k as f64 - 1.5) / 4.0;
+            assert!((off - (x[k] - line)).abs() < 1e-12, "{k}: {off}");
+        }
+        assert!(off[40..].iter().all(|o| o.abs() < 1e-12), "{off:?}");
+        assert_eq!(off_steps_m(&[2.0; 5]), [0.0; 5]);
+        assert!(off_steps_m(&[]).is_empty());
     }
 }

@@ -6,6 +6,7 @@ use super::motion::{Motion, travel};
 use super::rows::same_unit;
 use super::statistics::{mean, smooth};
 use super::work::{Told, Work};
+use crate::signal::inner_products::dot;
 
 /// Rows between -3 dB of [`smooth`] and the rate: 0.26 / f_c.
 const SMOOTH_ROWS: f64 = 0.26;
@@ -83,7 +84,10 @@ fn speed_offset(work: &mut Work<'_>, axis: &AxisColumns, speed: usize) {
 /// Moves one of two positions that is later than the other by more than encoders are: the one with which the
 /// drive fits worse, or else the one that does not stand for the axis.
 ///
-/// Delay: where b(t + tau) = k a(t) leaves least, both the speeds of the slow band.
+/// Delay: where b(t + tau) = k a(t) leaves least, both the speeds of the slow band; far less than a screw
+/// that winds up under the drive leaves, b = k a - (F' - m a'') / K.
+///
+/// Checked by: tests::a_screw_that_winds_up_is_no_clock.
 fn position_offset(work: &mut Work<'_>, axis: &AxisColumns) {
     let positions: Vec<usize> = axis.with(Role::Position).filter(|p| !work.silent[*p]).collect();
     let (Some(first), [_, _]) = (axis.position(&work.recording), positions.as_slice()) else { return };
@@ -115,12 +119,23 @@ fn position_offset(work: &mut Work<'_>, axis: &AxisColumns) {
     else {
         return;
     };
+    let drive = axis.with(Role::Drive).find(|i| !work.silent[*i]);
     // A clock tells all, a spring and its damper do not.
-    let told = least < c.delay_gain * all[count as usize];
-    if !told || rows.abs() * dt <= c.late_s || rows.abs() <= c.late_rows {
+    let untold = || {
+        let Some(drive) = drive else { return all[count as usize] };
+        let derivative = |x: &[f64]| travel(x, 1, dt);
+        let force = derivative(&smooth(work.values(drive), half));
+        let inertia = derivative(&derivative(&a));
+        let at_places = |x: &[f64]| places.iter().map(|i| x[*i]).collect::<Vec<f64>>();
+        let mut columns = [&a, &force, &inertia].map(|x| at_places(x));
+        orthonormal(&mut columns);
+        let b = at_places(&b);
+        1.0 - columns.iter().map(|c| dot(c, &b).powi(2)).sum::<f64>() / dot(&b, &b).max(f64::MIN_POSITIVE)
+    };
+    let is_late = rows.abs() * dt > c.late_s && rows.abs() > c.late_rows;
+    if !is_late || least >= c.delay_gain * untold() {
         return;
     }
-    let drive = axis.with(Role::Drive).find(|i| !work.silent[*i]);
     let unexplained = |position: usize| {
         let motion = Motion::of_position(work, position);
         let balance = Balance::new(work, &motion, None, drive?, span)?;

@@ -272,6 +272,15 @@ impl DriveParams {
         self.raw.friction_smoothing_m_s.unwrap_or(2.0e-4)
     }
 
+    /// Ways, m, after which a motor repeats what it does as often in a turn as it has pole pairs, poles or
+    /// slots: cogging and commutation. Empty without a screw, or where none of them is stated.
+    #[must_use]
+    pub fn motor_waves_m(&self) -> Vec<f64> {
+        let poles = self.raw.motor_pole_count.into_iter().flat_map(|n| [0.5 * n, n]);
+        let orders = poles.chain(self.raw.motor_slot_count);
+        self.screw_lead_m().map_or_else(Vec::new, |lead_m| orders.map(|order| lead_m / order).collect())
+    }
+
     /// l: screw lead in m, where there is a screw.
     #[must_use]
     pub fn screw_lead_m(&self) -> Option<f64> {

@@ -129,3 +129,28 @@ fn a_bump_of_friction_is_seen_behind_a_stated_screw() {
         assert!(d.unexplained.is_none() && d.parameter_corrections.is_empty(), "{:?}", d.notes);
     }
 }
+
+/// Of one position nothing but its place tells a wave of the motor from one of the guide: what comes as often in a
+/// turn as the motor has pole pairs is the motor's, another order the guide's.
+#[test]
+fn a_wave_of_one_position_is_the_motors_where_that_has_as_many_pole_pairs() {
+    let (machine, mut recordings) = healthy(&super::conceal::model(), 12);
+    let machine = restated(&machine, |raw| raw.motor_pole_count = Some(8.0));
+    for recording in &mut recordings {
+        recording.columns.retain(|c| &*c.name != "x_stage_position_m");
+    }
+    let told = |order: f64| {
+        let mut recordings = recordings.clone();
+        for recording in &mut recordings {
+            let angle = recording.get("x_motor_angle_rad").unwrap().to_vec();
+            let current = recording.columns.iter_mut().find(|c| &*c.name == "x_current_ref_a").unwrap();
+            for (current, angle) in current.values.iter_mut().zip(angle) {
+                *current += 0.05 * (order * angle + 0.7).sin();
+            }
+        }
+        let d = diagnose(&machine, &recordings, &|_, _| {}).unwrap();
+        named(&d)
+    };
+    assert_eq!(told(4.0), [("torque_ripple", "motor")]);
+    assert_eq!(told(3.3), [("position_periodic_force", "stage")]);
+}

@@ -76,7 +76,7 @@ fn determined(balance: &Balance, mut state: State) -> (State, Doubt) {
             let vague = d.constants.iter().take(told).any(|c| *c > Criteria::STANDARD.undetermined)
                 || a.hypothesis.is_at_bound()
                 || is_untold(balance, &state, a, d);
-            if let Some(limit) = a.hypothesis.law().limit(&balance.signals).filter(|_| vague) {
+            if let Some(limit) = a.hypothesis.law().limit(&balance.signals, &d.constants).filter(|_| vague) {
                 return Some(state.with_form(balance, k, limit));
             }
             // Or the others foretell what was held out better: each part has been told by itself.

@@ -14,7 +14,6 @@ fn search<'a>(balance: &'a Balance, state: &State) -> Search<'a> {
         balance,
         signals: &balance.signals,
         two: balance.signals.sides() == 2,
-        lead_m: balance.drive.screw_lead_m(),
         now: state.now,
         coulomb_n: state.coulomb_n(),
         has_command,

@@ -15,7 +15,7 @@ use super::words::{specification, term_of, told};
 use crate::diagnosis::criteria::Criteria;
 use crate::diagnosis::encoder_noise::variance_m2;
 use crate::diagnosis::result::{Estimate, Finding, Location, TimeSpans};
-use crate::diagnosis::steps::{coarser_step, stated_step_m};
+use crate::diagnosis::steps::{coarser_step_of_all, off_steps_m, stated_step_m};
 use crate::plant::effects::encoder_quantization::STEP;
 use crate::plant::effects::{EffectKind, PhysicsTerm, Port};
 use crate::sample::Recording;
@@ -119,30 +119,16 @@ impl Case<'_> {
     }
 
     fn encoder_step(&self, port: Port) -> Option<Found> {
-        let (axis, coarser) = (self.axis, Criteria::STANDARD.coarser_step);
+        let axis = self.axis;
         let raw = axis.drive.raw();
         // Without a stated step there is nothing to be coarser than.
         match port {
             Port::MotorEncoder => raw.motor_encoder_resolution_m,
             _ => raw.stage_encoder_resolution_m,
         }?;
-        let stated_m = stated_step_m(axis, port);
-        let read: Vec<Vec<f64>> =
-            self.recordings.iter().map(|r| position_at(axis, r, port)).collect::<Option<_>>()?;
-        let found = |(x, r): (&Vec<f64>, &Recording)| {
-            let step_m = coarser_step(x, stated_m)?;
-            // What is noisier than the step makes it is rounded to digits, or was reckoned; what is less
-            // noisy is the sum of a rounded speed.
-            let of_step = 12.0 * variance_m2(x, r.sample_rate.hz()) / step_m.powi(2);
-            (0.5..coarser.powi(2)).contains(&of_step).then_some(step_m)
-        };
-        let steps: Vec<f64> = read.iter().zip(self.recordings).map(found).collect::<Option<_>>()?;
-        let step_m = steps.iter().sum::<f64>() / steps.len().max(1) as f64;
-        if step_m < coarser * stated_m {
-            return None;
-        }
-        // The step's own part: the read value less the line between its neighbours' middles.
-        let off = |x: &[f64]| x.iter().map(|v| v - (v / step_m).round() * step_m).collect();
+        let read = |r: &Recording| Some((position_at(axis, r, port)?, r.sample_rate.hz()));
+        let read: Vec<(Vec<f64>, f64)> = self.recordings.iter().map(read).collect::<Option<_>>()?;
+        let step_m = coarser_step_of_all(&read, stated_step_m(axis, port))?;
         let read = read.iter().zip(self.recordings).enumerate();
         let level_nats = level(self.start, (1, 0.0));
         let ci95 = [0.98 * step_m, 1.02 * step_m];
@@ -152,7 +138,7 @@ impl Case<'_> {
             estimates,
             evidence_nats: 10.0 * level_nats,
             level_nats,
-            contribution: read.map(|(k, (x, r))| of_recording(k, r, off(x))).collect(),
+            contribution: read.map(|(k, ((x, _), r))| of_recording(k, r, off_steps_m(x))).collect(),
             named: Named::Steps(port),
         })
     }

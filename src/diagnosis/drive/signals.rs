@@ -78,6 +78,9 @@ pub(super) struct Signals {
     /// Speed over which friction turns, m/s.
     pub(super) smoothing_m_s: f64,
     pub(super) tracks: Vec<Track>,
+    pub(super) lead_m: Option<f64>,
+    /// See [`DriveParams::motor_waves_m`].
+    pub(super) motor_waves_m: Vec<f64>,
     /// Of one position: way that the spring gives under the stage's friction, m.
     pub(super) wound_m: f64,
     /// Of the motor's position alone: the stage behind it, where the model states it.
@@ -186,6 +189,8 @@ impl Signals {
             steps_m,
             smoothing_m_s: turning.smoothing_m_s,
             tracks: Vec::new(),
+            lead_m: axis.drive.screw_lead_m(),
+            motor_waves_m: axis.drive.motor_waves_m(),
             wound_m: one_mass.map_or(0.0, |s| s.wound_m),
             following: has_motor_alone.then(|| Following::stated(&axis.drive, rate_hz)).flatten(),
             noise_m2: positions.iter().map(of_one).collect(),

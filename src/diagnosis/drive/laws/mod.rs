@@ -178,8 +178,9 @@ pub(crate) trait Law {
         None
     }
 
-    /// What it becomes at a bound of its constants, for where the recordings do not determine them.
-    fn limit(&self, _signals: &Signals) -> Option<Shape> {
+    /// What it becomes at a bound of its constants, for where the recordings do not determine them; with the
+    /// deviations of their logarithms.
+    fn limit(&self, _signals: &Signals, _deviations: &[f64]) -> Option<Shape> {
         None
     }
 

@@ -65,10 +65,11 @@ impl Law for StiffnessWave {
         vec![Free::of(&mut self.length_m, &LENGTH)]
     }
 
-    /// Of a wave that is longer than the travel the slope.
-    fn limit(&self, signals: &Signals) -> Option<Shape> {
+    /// Of a wave that may be longer than the travel the slope.
+    fn limit(&self, signals: &Signals, deviations: &[f64]) -> Option<Shape> {
         let [low, high] = signals.travel_m();
-        (self.length_m > high - low).then_some(StiffnessSlope.into())
+        let longest_m = self.length_m * deviations.first().map_or(1.0, |d| (Z95 * d).exp());
+        (longest_m > high - low).then_some(StiffnessSlope.into())
     }
 
     fn springs(&self, ground: &Ground<'_>) -> Vec<SpringLaw> {

@@ -14,12 +14,12 @@ pub(super) const EFFECT: Effect = Effect {
         let shortest = search.travel_m() * SHORTEST;
         // Waves of the screw itself, then peaks of what is left, with and without the weights of its bands: a
         // slow wave has made its own band worthless.
-        let of_screw = search.lead_m.into_iter().flat_map(|l| [l, 0.5 * l]);
+        let of_screw = search.signals.lead_m.into_iter().flat_map(|l| [l, 0.5 * l]);
         let of_screw = of_screw.filter(|l| (shortest..longest).contains(l));
         let found = search.peaks_of_both(search.signals.last(), [shortest, longest]);
         // What lasts while the axis moves at one speed is a wave over position as well.
-        let of_lines = search.ways_of_lines().into_iter().filter(|l| !search.is_of_turn(*l));
-        let all = of_screw.chain(found).chain(of_lines);
+        let all =
+            of_screw.chain(found).chain(search.ways_of_lines()).filter(|l| !search.signals.is_of_turn(*l));
         all.map(|wavelength_m| Hypothesis::new(Port::Stage, Wave { wavelength_m, of_motor: false })).collect()
     },
     ..Effect::of(&SPECIFICATION)
@@ -70,14 +70,15 @@ impl Law for Wave {
         Some(Self { wavelength_m: self.wavelength_m / times, ..*self }.into())
     }
 
-    /// It comes but once; or most of the way it passes at more than half the rate of the log, which folds it:
+    /// It comes but once; or it is the motor's; or most of the way it passes at more than half the rate of the log, which folds it:
     /// at an even speed it may be a constant there.
     fn is_void(&self, ground: &Ground<'_>, _: &[f64]) -> bool {
         let s = ground.signals;
         let speeds = || s.tracks.iter().flat_map(|t| &t.sides[s.last()].v_m_s).map(|v| v.abs());
         let seen_m_s = 0.5 * self.wavelength_m * s.rate_hz;
         let is_folded = speeds().filter(|v| *v > seen_m_s).sum::<f64>() > 0.5 * speeds().sum::<f64>();
-        is_folded || !self.of_motor && self.wavelength_m > longest_m(s)
+        let is_another = self.wavelength_m > longest_m(s) || s.is_of_turn(self.wavelength_m);
+        is_folded || !self.of_motor && is_another
     }
 
     /// The texture of a guide by itself.

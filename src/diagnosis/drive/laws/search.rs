@@ -18,7 +18,6 @@ pub(crate) struct Search<'a> {
     pub(crate) signals: &'a Signals,
     /// There are two positions.
     pub(crate) two: bool,
-    pub(crate) lead_m: Option<f64>,
     pub(crate) now: Standing,
     /// Dry friction of the stage, its bristle included, N.
     pub(crate) coulomb_n: f64,
