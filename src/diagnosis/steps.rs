@@ -74,8 +74,8 @@ pub(crate) fn coarser_step_of_all(recordings: &[(Vec<f64>, f64)], stated_m: f64)
     (loudest > 0.5 && step_m > coarser * stated_m).then_some(step_m)
 }
 
-/// What steps add to a position, m: the read value less the line between the middles of its steps; nothing where
-/// each sample is a step of its own.
+/// What steps add to a position, m: the read value less the line between the middles of its steps; nothing
+/// where each sample is a step of its own.
 pub(crate) fn off_steps_m(position_m: &[f64]) -> Vec<f64> {
     let mut at = 0;
     let middles: Vec<(f64, f64)> = position_m

@@ -70,8 +70,8 @@ impl Law for Wave {
         Some(Self { wavelength_m: self.wavelength_m / times, ..*self }.into())
     }
 
-    /// It comes but once; or it is the motor's; or most of the way it passes at more than half the rate of the log, which folds it:
-    /// at an even speed it may be a constant there.
+    /// It comes but once; or it is the motor's; or most of the way it passes at more than half the rate of
+    /// the log, which folds it: at an even speed it may be a constant there.
     fn is_void(&self, ground: &Ground<'_>, _: &[f64]) -> bool {
         let s = ground.signals;
         let speeds = || s.tracks.iter().flat_map(|t| &t.sides[s.last()].v_m_s).map(|v| v.abs());
