@@ -138,7 +138,7 @@ fn position_offset(work: &mut Work<'_>, axis: &AxisColumns) {
     }
     let unexplained = |position: usize| {
         let motion = Motion::of_position(work, position);
-        let balance = Balance::new(work, &motion, None, drive?, span)?;
+        let balance = Balance::new(work, &motion, Beside::Nothing, drive?, span)?;
         let Powers { all, left, .. } = balance.powers(0);
         Some(left / all)
     };
@@ -185,6 +185,16 @@ fn half_width(work: &Work<'_>, cutoff_hz: f64) -> usize {
     (0.5 * (SMOOTH_ROWS * rate_hz / cutoff_hz - 1.0)).round().max(1.0) as usize
 }
 
+/// What the drive is held against beside a motion.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Beside {
+    Nothing,
+    /// Friction that turns after so long a way, m, as behind a screw that winds up.
+    Wound(f64),
+    /// Another position of the axis.
+    Position(usize),
+}
+
 /// The drive against a [`Row`] of the motion, both in the slow band, at rows that move.
 struct Balance {
     /// Orthonormal columns, one row each place.
@@ -197,15 +207,9 @@ struct Balance {
 }
 
 impl Balance {
-    /// `other`: another position of the axis. Behind a screw that winds up friction turns later than at the
-    /// motor, and the force with it: what the stage tells of that is no clock.
-    fn new(
-        work: &Work<'_>,
-        motion: &Motion,
-        other: Option<usize>,
-        drive: usize,
-        span: usize,
-    ) -> Option<Self> {
+    /// Behind a screw that winds up friction turns later than at the motor, and the force with it: what the
+    /// stage tells of that, or a way after which it turns, is no clock.
+    fn new(work: &Work<'_>, motion: &Motion, beside: Beside, drive: usize, span: usize) -> Option<Self> {
         let half = half_width(work, work.criteria.slow_hz);
         let dt = work.period_s();
         let x = smooth(work.values(motion.position), half);
@@ -224,10 +228,23 @@ impl Balance {
         };
         let mut columns = vec![at_places(&|_| 1.0)];
         columns.extend(of_motion(&x, &v, &a));
-        if let Some(other) = other {
-            let x = smooth(work.values(other), half);
-            let v = travel(&x, 1, dt);
-            columns.extend(of_motion(&x, &v, &travel(&v, 1, dt)));
+        match beside {
+            Beside::Nothing => {}
+            Beside::Wound(way_m) => {
+                let (mut wound, mut last) = (0.0_f64, x[0]);
+                let turned = x.iter().map(|x| {
+                    wound = (wound + x - last).clamp(-way_m, way_m);
+                    last = *x;
+                    wound / way_m
+                });
+                let turned: Vec<f64> = turned.collect();
+                columns.push(at_places(&|i| turned[i]));
+            }
+            Beside::Position(other) => {
+                let x = smooth(work.values(other), half);
+                let v = travel(&x, 1, dt);
+                columns.extend(of_motion(&x, &v, &travel(&v, 1, dt)));
+            }
         }
         columns.resize_with(Row::default().len(), || vec![0.0; places.len()]);
         orthonormal(&mut columns);
@@ -292,21 +309,24 @@ fn orthonormal(columns: &mut [Vec<f64>]) {
 fn drive_offset(work: &Work<'_>, axis: &AxisColumns, drive: usize) -> Option<f64> {
     let motion = Motion::of(work, axis)?;
     let other = axis.with(Role::Position).find(|p| *p != motion.position && !work.silent[*p]);
-    let alone = offset_beside(work, &motion, None, drive)?;
+    let alone = offset_beside(work, &motion, Beside::Nothing, drive)?;
     match other {
-        Some(_) => offset_beside(work, &motion, other, drive).filter(|rows| rows * alone > 0.0),
+        Some(other) => {
+            let both = offset_beside(work, &motion, Beside::Position(other), drive)?;
+            (both * alone > 0.0).then_some(both)
+        }
         None => Some(alone),
     }
 }
 
-/// The same by the motion, and another position.
-fn offset_beside(work: &Work<'_>, motion: &Motion, other: Option<usize>, drive: usize) -> Option<f64> {
+/// The same by the motion and what is beside it.
+fn offset_beside(work: &Work<'_>, motion: &Motion, beside: Beside, drive: usize) -> Option<f64> {
     let c = *work.criteria;
     let dt = work.period_s();
     let stride = work.rows_in(5e-4);
     let count = (c.delay_span_s / (stride as f64 * dt)).floor().max(3.0) as isize;
     let span = count as usize * stride;
-    let balance = Balance::new(work, motion, other, drive, span)?;
+    let balance = Balance::new(work, motion, beside, drive, span)?;
     let at = |k: isize| balance.powers(k * stride as isize);
     let all: Vec<Powers> = (-count..=count).map(at).collect();
     let now = all[count as usize];
@@ -330,7 +350,21 @@ fn offset_beside(work: &Work<'_>, motion: &Motion, other: Option<usize>, drive: 
     if !seen || physics {
         return None;
     }
-    Some(rows)
+    // Of one position a screw behind it makes friction late as well.
+    let wound =
+        |way_m: f64| Some(Balance::new(work, motion, Beside::Wound(way_m), drive, span)?.powers(0).left);
+    let is_wound = beside == Beside::Nothing
+        && late_s > 0.0
+        && ways(work.values(motion.position)).filter_map(wound).any(|left| m > (1.0 - c.delay_gain) * left);
+    (!is_wound).then_some(rows)
+}
+
+/// Ways that a screw may wind up by before its stage slides: halves of a tenth of the travel, to what is lost
+/// in it.
+fn ways(position: &[f64]) -> impl Iterator<Item = f64> {
+    let [low, high] =
+        position.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], x| [l.min(*x), h.max(*x)]);
+    (0..12).map(move |k| 0.1 * (high - low) * 0.5_f64.powi(k))
 }
 
 /// u(t) becomes u(t + rows), between rows by a straight line; what the file does not hold is masked.
