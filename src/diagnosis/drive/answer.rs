@@ -192,7 +192,7 @@ impl Case<'_> {
         loop {
             let (all, doubt) = determined(balance, state);
             let level = self.level(&all);
-            let written = as_written((balance, self.stated), (&all, doubt), level);
+            let written = as_written((balance, self.stated), (&all, doubt), (level, self.stated_rest_n));
             let is_gone = |(a, d): (&Accepted, &Deviations)| {
                 a.given.is_none() && is_untold(balance, &written.state, a, d)
             };

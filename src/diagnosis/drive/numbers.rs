@@ -223,13 +223,18 @@ pub(super) fn held(unsaid: &[Number], contested: &[Beside]) -> Vec<Number> {
     unsaid.iter().copied().chain(contested.iter().map(|c| c.number)).collect()
 }
 
-/// A state with its deviations as it is written; `axis`: as stated; `level`: what chance reaches.
+/// A state with its deviations as it is written; `axis`: as stated; `level`: what chance reaches;
+/// `stated_rest_n`: what the model states to leave, N. Contested numbers are as stated, but where something
+/// was found that then leaves what it did not leave beside them: it is judged beside numbers that fit.
 pub(super) fn as_written(
     (balance, axis): (&Balance, &AxisModel),
     (state, beside_all): (&State, Doubt),
-    level: f64,
+    (level, stated_rest_n): (f64, f64),
 ) -> AsWritten {
     let mut absent = absent(balance, state, &beside_all, level);
+    let now = &state.now;
+    let nothing_found =
+        !now.found_delay && !now.found_loop && state.accepted.iter().all(|law| law.given.is_some());
     // Deviations of a fit with numbers held; `rest`: what they are wider by.
     let doubt_of = |held: &State, rest: &Rest| {
         let mut doubt = doubt(balance, held, rest);
@@ -246,9 +251,12 @@ pub(super) fn as_written(
             written = refitted_as_is(balance, state, &unsaid);
             doubt = doubt_of(&written, &rest(balance, &written));
         }
-        let (contested, judged) = contested((balance, axis), (&written, &doubt), |numbers| {
-            refitted_as_is(balance, &written, &[&unsaid[..], numbers].concat())
-        });
+        let is_left = |state: &State| rest(balance, state).is_left(stated_rest_n);
+        let with = |numbers: &[Number]| {
+            let held = refitted_as_is(balance, &written, &[&unsaid[..], numbers].concat());
+            (nothing_found || !is_left(&held) || is_left(&written)).then_some(held)
+        };
+        let (contested, judged) = contested((balance, axis), (&written, &doubt), with);
         if !contested.is_empty() {
             doubt = doubt_of(&judged, &rest(balance, &written));
             written = judged;
@@ -439,11 +447,12 @@ impl Beside {
 
 /// Numbers that are fitted elsewhere than they are stated, and that the recordings do not contradict: of a
 /// state, and those that are elsewhere when these are as they are stated; with the state in which they are,
-/// as `with` has it. None where all forces are off by a factor, or numbers of a second mass are guesses.
+/// as `with` has it, if it stands. None where all forces are off by a factor, or numbers of a second mass are
+/// guesses.
 fn contested(
     (balance, axis): (&Balance, &AxisModel),
     (state, doubt): (&State, &Doubt),
-    with: impl Fn(&[Number]) -> State,
+    with: impl Fn(&[Number]) -> Option<State>,
 ) -> (Vec<Beside>, State) {
     let free = beside(balance, axis, state, doubt);
     let (mut list, mut judged) = (Vec::<Beside>::new(), state.clone());
@@ -458,11 +467,11 @@ fn contested(
             free.nominal > 0.0 && now.is_elsewhere(0.0) && is_untold && is_new
         };
         let more: Vec<Beside> = free.iter().zip(now).filter(is_open).map(|(_, now)| now).collect();
-        if more.is_empty() {
-            return (list, judged);
+        let all = [&list[..], &more].concat();
+        match with(&held(&[], &all)).filter(|_| !more.is_empty()) {
+            Some(held) => (list, judged) = (all, held),
+            None => return (list, judged),
         }
-        list.extend(more);
-        judged = with(&held(&[], &list));
     }
 }
 
