@@ -20,26 +20,27 @@ pub(super) fn rounding_m(position_m: &[f64], rate_hz: f64) -> f64 {
 /// the rate it leaves less than 1e-4. Checked by: tests::noise_is_read_off_beside_any_motion.
 pub(super) fn variance_m2(position_m: &[f64], rate_hz: f64) -> f64 {
     // Not the mean: an impact is no noise, and an axis at rest inside one step shows none.
-    median(block_powers_m2(position_m, rate_hz).collect()).unwrap_or(0.0)
+    median(block_powers_m2(position_m, rate_hz)).unwrap_or(0.0)
 }
 
-/// The same where most samples are a step or more apart, as only there rounding is the noise of a step;
-/// `None`: nowhere.
+/// [`variance_m2`] of blocks in which most samples lie a step apart: only there rounding is the noise of a
+/// step. `None`: nowhere.
 pub(super) fn variance_across_steps_m2(position_m: &[f64], rate_hz: f64, step_m: f64) -> Option<f64> {
-    let crosses = |x: &&[f64]| {
-        let apart = x.windows(2).filter(|w| (w[1] - w[0]).abs() > 0.5 * step_m).count();
-        2 * apart > x.len()
+    let crosses = |block: &&[f64]| {
+        let apart = block.windows(2).filter(|w| (w[1] - w[0]).abs() > 0.5 * step_m).count();
+        2 * apart >= block.len()
     };
     let blocks = position_m.chunks(block(rate_hz)).zip(block_powers_m2(position_m, rate_hz));
     median(blocks.filter(|(x, _)| crosses(x)).map(|(_, power)| power).collect())
 }
 
+/// Rows of a block: a difference reaches as many on as its order.
 fn block(rate_hz: f64) -> usize {
-    ((BLOCK_S * rate_hz) as usize).max(1)
+    ((BLOCK_S * rate_hz) as usize).max(ORDER)
 }
 
 /// Power of the tenth differences of each block over what white noise of one unit has there.
-fn block_powers_m2(position_m: &[f64], rate_hz: f64) -> impl Iterator<Item = f64> {
+fn block_powers_m2(position_m: &[f64], rate_hz: f64) -> Vec<f64> {
     let origin = position_m.first().copied().unwrap_or(0.0);
     let mut x: Vec<f64> = position_m.iter().map(|x| x - origin).collect();
     let mut gain = 1.0;
@@ -47,8 +48,7 @@ fn block_powers_m2(position_m: &[f64], rate_hz: f64) -> impl Iterator<Item = f64
         x = x.windows(2).map(|w| w[1] - w[0]).collect();
         gain *= (2 * n * (2 * n - 1)) as f64 / (n * n) as f64;
     }
-    let powers: Vec<f64> = x.chunks(block(rate_hz)).map(|b| dot(b, b) / b.len() as f64 / gain).collect();
-    powers.into_iter()
+    x.chunks(block(rate_hz)).map(|b| dot(b, b) / b.len() as f64 / gain).collect()
 }
 
 fn median(mut powers: Vec<f64>) -> Option<f64> {

@@ -45,56 +45,62 @@ pub(crate) fn coarser_step(position_m: &[f64], stated_m: f64) -> Option<f64> {
     let measure = differences.iter().step_by(differences.len() / 200).copied();
     let step = measure.reduce(|a, b| common_measure(a, b, EUCLID_END * stated_m))?;
     let step = sharpened(step, &differences);
-    let on_grid = differences.iter().filter(|d| ((*d / step).round() - *d / step).abs() < 0.05).count();
-    let c = &Criteria::STANDARD;
-    let all_on_grid = on_grid as f64 > c.on_grid * differences.len() as f64;
-    (step > c.other_step * stated_m && all_on_grid).then_some(step)
+    (step > Criteria::STANDARD.other_step * stated_m && are_on_grid(&differences, step)).then_some(step)
+}
+
+/// True where differences are whole numbers of steps.
+fn are_on_grid(differences: &[f64], step: f64) -> bool {
+    let is_whole = |count: &f64| count.round() >= 1.0 && (count.round() - count).abs() < 0.05;
+    let on_grid = differences.iter().map(|d| d / step).filter(is_whole).count();
+    on_grid as f64 >= Criteria::STANDARD.on_grid * differences.len() as f64
 }
 
 /// The step of an encoder, m, that is coarser than `stated_m` in all of its recordings: positions in m, rates
-/// in Hz. `None`: as stated, or what is seen is no step of an encoder.
+/// in Hz. `None`: as stated, or what is seen is no step of an encoder, or not the same in all.
 ///
 /// What is noisier than the step makes it is rounded to digits, or was reckoned. At an even speed rounding is
-/// a line that may be less, and an axis that rests crosses no steps; what is less everywhere is the sum of a
-/// rounded speed. Checked by: tests::a_step_is_told_beside_rest_and_even_speed_and_a_rounded_speed_has_none.
+/// a line that may be less, and an axis that rests crosses no steps; what has everywhere less than half of it
+/// is the sum of a rounded speed, whose ninth differences have 0.26.
+/// Checked by: tests::a_step_is_told_beside_rest_and_even_speed_and_a_rounded_speed_has_none.
 pub(crate) fn coarser_step_of_all(recordings: &[(Vec<f64>, f64)], stated_m: f64) -> Option<f64> {
     let coarser = Criteria::STANDARD.coarser_step;
-    let steps: Vec<Option<f64>> = recordings.iter().map(|(x, _)| coarser_step(x, stated_m)).collect();
-    let seen: Vec<f64> = steps.iter().flatten().copied().collect();
-    let step_m = seen.iter().sum::<f64>() / seen.len().max(1) as f64;
+    let steps = || recordings.iter().filter_map(|(x, _)| coarser_step(x, stated_m));
+    let step_m = steps().reduce(f64::max)?;
     let mut loudest = 0.0_f64;
-    for ((x, rate_hz), step) in recordings.iter().zip(&steps) {
-        let Some(noise_m2) = variance_across_steps_m2(x, *rate_hz, step_m) else { continue };
-        let of_step = 12.0 * noise_m2 / step_m.powi(2);
-        if step.is_none() || of_step > coarser.powi(2) {
+    for (x, rate_hz) in recordings {
+        let changes = x.windows(2).map(|w| (w[1] - w[0]).abs()).filter(|d| *d > 0.0);
+        if !are_on_grid(&changes.collect::<Vec<f64>>(), step_m) {
             return None;
         }
-        loudest = loudest.max(of_step);
+        let noise_m2 = variance_across_steps_m2(x, *rate_hz, step_m).unwrap_or(0.0);
+        loudest = loudest.max(12.0 * noise_m2 / step_m.powi(2));
     }
-    (loudest > 0.5 && step_m > coarser * stated_m).then_some(step_m)
+    let is_of_step = (0.5..coarser.powi(2)).contains(&loudest);
+    (is_of_step && step_m > coarser * stated_m).then_some(step_m)
 }
 
-/// What steps add to a position, m: the read value less the line between the middles of its steps; nothing
-/// where each sample is a step of its own.
-pub(crate) fn off_steps_m(position_m: &[f64]) -> Vec<f64> {
-    let mut at = 0;
-    let middles: Vec<(f64, f64)> = position_m
-        .chunk_by(|a, b| a == b)
-        .map(|step| {
-            at += step.len();
-            (at as f64 - 0.5 * (step.len() + 1) as f64, step[0])
-        })
-        .collect();
-    let mut next = 0;
-    let between = |k: usize| {
-        while next + 1 < middles.len() && middles[next].0 < k as f64 {
-            next += 1;
+/// What steps of `step_m` add to a position, m: the read value less the line between the middles of two runs
+/// of equal values that are one step apart, no more than half a step; nothing elsewhere.
+pub(crate) fn off_steps_m(position_m: &[f64], step_m: f64) -> Vec<f64> {
+    let mut out = vec![0.0; position_m.len()];
+    let runs: Vec<&[f64]> = position_m.chunk_by(|a, b| a == b).collect();
+    let mut first = 0;
+    for pair in runs.windows(2) {
+        let [from, to] = [pair[0].len(), pair[1].len()].map(|rows| 0.5 * (rows as f64 - 1.0));
+        let way_m = pair[1][0] - pair[0][0];
+        let second = first + pair[0].len();
+        let apart = second as f64 + to - (first as f64 + from);
+        if way_m.abs() < 1.5 * step_m {
+            for k in (first..second + pair[1].len())
+                .filter(|k| (first as f64 + from..=second as f64 + to).contains(&(*k as f64)))
+            {
+                let line_m = pair[0][0] + way_m * (k as f64 - first as f64 - from) / apart;
+                out[k] = (position_m[k] - line_m).clamp(-0.5 * step_m, 0.5 * step_m);
+            }
         }
-        let ((from, low), (to, high)) = (middles[next.saturating_sub(1)], middles[next]);
-        let share = ((k as f64 - from) / (to - from).max(1.0)).clamp(0.0, 1.0);
-        low + (high - low) * share
-    };
-    (0..position_m.len()).map(between).zip(position_m).map(|(line, read)| read - line).collect()
+        first = second;
+    }
+    out
 }
 
 /// Greatest common measure of two lengths; a rest below `end` is none.
@@ -157,6 +163,8 @@ mod tests {
         let told = coarser_step_of_all(&read, 2e-8);
         assert!(told.is_some_and(|s| (s / step_m - 1.0).abs() < 1e-6), "{told:?}");
         assert_eq!(coarser_step_of_all(&read, 0.7e-6), None, "as stated");
+        let finer = (0..40_000).map(|k| (2.3e-9 * f64::from(k) / 2e-8).round() * 2e-8).collect();
+        assert_eq!(coarser_step_of_all(&[swings.clone(), (finer, 1e4)], 2e-8), None, "of one recording");
         // A speed in steps, added up: less noise than its steps have as those of a position.
         let mut x = 0.0;
         let speed = |k: i32| 27e-7 * (9e-4 * f64::from(k)).cos();
@@ -176,13 +184,16 @@ mod tests {
         // Four samples a step, then one step a sample.
         let slow = (0..40).map(|k| f64::from(k / 4));
         let x: Vec<f64> = slow.chain((0..10).map(|k| 10.0 + f64::from(k))).collect();
-        let off = off_steps_m(&x);
+        let off = off_steps_m(&x, 1.0);
         for (k, off) in off.iter().enumerate().take(36).skip(2) {
             let line = (k as f64 - 1.5) / 4.0;
             assert!((off - (x[k] - line)).abs() < 1e-12, "{k}: {off}");
         }
         assert!(off[40..].iter().all(|o| o.abs() < 1e-12), "{off:?}");
-        assert_eq!(off_steps_m(&[2.0; 5]), [0.0; 5]);
-        assert!(off_steps_m(&[]).is_empty());
+        // Where a rest ends steps are jumped over: they tell of no line.
+        let rests: Vec<f64> = (0..100).map(|k| f64::from((k - 60).max(0) * 7)).collect();
+        assert!(off_steps_m(&rests, 1.0).iter().all(|o| *o == 0.0));
+        assert_eq!(off_steps_m(&[2.0; 5], 1.0), [0.0; 5]);
+        assert!(off_steps_m(&[], 1.0).is_empty());
     }
 }

@@ -85,9 +85,8 @@ fn speed_offset(work: &mut Work<'_>, axis: &AxisColumns, speed: usize) {
 /// drive fits worse, or else the one that does not stand for the axis.
 ///
 /// Delay: where b(t + tau) = k a(t) leaves least, both the speeds of the slow band; far less than a screw
-/// that winds up under the drive leaves, b = k a - (F' - m a'') / K.
-///
-/// Checked by: tests::a_screw_that_winds_up_is_no_clock.
+/// that winds up under the drive leaves, b = k a - (F' - m a'') / K, K positive where the later one is the
+/// stage. Checked by: friction_behind_a_screw_that_winds_up_has_no_clock.
 fn position_offset(work: &mut Work<'_>, axis: &AxisColumns) {
     let positions: Vec<usize> = axis.with(Role::Position).filter(|p| !work.silent[*p]).collect();
     let (Some(first), [_, _]) = (axis.position(&work.recording), positions.as_slice()) else { return };
@@ -120,25 +119,28 @@ fn position_offset(work: &mut Work<'_>, axis: &AxisColumns) {
         return;
     };
     let drive = axis.with(Role::Drive).find(|i| !work.silent[*i]);
-    // A clock tells all, a spring and its damper do not.
     let untold = || {
         let Some(drive) = drive else { return all[count as usize] };
         let derivative = |x: &[f64]| travel(x, 1, dt);
         let force = derivative(&smooth(work.values(drive), half));
         let inertia = derivative(&derivative(&a));
         let at_places = |x: &[f64]| places.iter().map(|i| x[*i]).collect::<Vec<f64>>();
-        let mut columns = [&a, &force, &inertia].map(|x| at_places(x));
+        let mut columns = [&a, &inertia, &force].map(|x| at_places(x));
         orthonormal(&mut columns);
         let b = at_places(&b);
-        1.0 - columns.iter().map(|c| dot(c, &b).powi(2)).sum::<f64>() / dot(&b, &b).max(f64::MIN_POSITIVE)
+        let [of_motion, of_inertia, of_force] = columns.map(|c| dot(&c, &b));
+        let of_force = if of_force * rows < 0.0 { of_force } else { 0.0 };
+        let told = of_motion.powi(2) + of_inertia.powi(2) + of_force.powi(2);
+        1.0 - told / dot(&b, &b).max(f64::MIN_POSITIVE)
     };
     let is_late = rows.abs() * dt > c.late_s && rows.abs() > c.late_rows;
+    // A clock tells all, a spring and its damper do not.
     if !is_late || least >= c.delay_gain * untold() {
         return;
     }
     let unexplained = |position: usize| {
         let motion = Motion::of_position(work, position);
-        let balance = Balance::new(work, &motion, Beside::Nothing, drive?, span)?;
+        let balance = Balance::new(work, &motion, None, drive?, span)?;
         let Powers { all, left, .. } = balance.powers(0);
         Some(left / all)
     };
@@ -185,31 +187,28 @@ fn half_width(work: &Work<'_>, cutoff_hz: f64) -> usize {
     (0.5 * (SMOOTH_ROWS * rate_hz / cutoff_hz - 1.0)).round().max(1.0) as usize
 }
 
-/// What the drive is held against beside a motion.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Beside {
-    Nothing,
-    /// Friction that turns after so long a way, m, as behind a screw that winds up.
-    Wound(f64),
-    /// Another position of the axis.
-    Position(usize),
-}
-
 /// The drive against a [`Row`] of the motion, both in the slow band, at rows that move.
 struct Balance {
     /// Orthonormal columns, one row each place.
     basis: Vec<Row>,
     places: Vec<usize>,
-    /// Drive, smoothed.
+    /// Position and drive, smoothed.
+    position: Vec<f64>,
     drive: Vec<f64>,
     /// Places that are independent.
     independent: f64,
 }
 
 impl Balance {
-    /// Behind a screw that winds up friction turns later than at the motor, and the force with it: what the
-    /// stage tells of that, or a way after which it turns, is no clock.
-    fn new(work: &Work<'_>, motion: &Motion, beside: Beside, drive: usize, span: usize) -> Option<Self> {
+    /// `other`: another position of the axis. Behind a screw that winds up friction turns later than at the
+    /// motor, and the force with it: what the stage tells of that is no clock.
+    fn new(
+        work: &Work<'_>,
+        motion: &Motion,
+        other: Option<usize>,
+        drive: usize,
+        span: usize,
+    ) -> Option<Self> {
         let half = half_width(work, work.criteria.slow_hz);
         let dt = work.period_s();
         let x = smooth(work.values(motion.position), half);
@@ -228,23 +227,10 @@ impl Balance {
         };
         let mut columns = vec![at_places(&|_| 1.0)];
         columns.extend(of_motion(&x, &v, &a));
-        match beside {
-            Beside::Nothing => {}
-            Beside::Wound(way_m) => {
-                let (mut wound, mut last) = (0.0_f64, x[0]);
-                let turned = x.iter().map(|x| {
-                    wound = (wound + x - last).clamp(-way_m, way_m);
-                    last = *x;
-                    wound / way_m
-                });
-                let turned: Vec<f64> = turned.collect();
-                columns.push(at_places(&|i| turned[i]));
-            }
-            Beside::Position(other) => {
-                let x = smooth(work.values(other), half);
-                let v = travel(&x, 1, dt);
-                columns.extend(of_motion(&x, &v, &travel(&v, 1, dt)));
-            }
+        if let Some(other) = other {
+            let x = smooth(work.values(other), half);
+            let v = travel(&x, 1, dt);
+            columns.extend(of_motion(&x, &v, &travel(&v, 1, dt)));
         }
         columns.resize_with(Row::default().len(), || vec![0.0; places.len()]);
         orthonormal(&mut columns);
@@ -255,27 +241,65 @@ impl Balance {
         (independent > 40.0).then(|| Self {
             basis,
             places,
+            position: x,
             drive: smooth(work.values(drive), half),
             independent,
         })
     }
 
-    /// Power of the drive, of it that inertia explains, and that nothing does, moved by `rows`.
-    fn powers(&self, rows: isize) -> Powers {
-        let u: Vec<f64> = self.places.iter().map(|i| self.drive[i.saturating_add_signed(rows)]).collect();
+    /// The drive, moved by `rows`, about its mean.
+    fn drive_at(&self, rows: isize) -> Vec<f64> {
+        let mut u: Vec<f64> = self.places.iter().map(|i| self.drive[i.saturating_add_signed(rows)]).collect();
         let middle = mean(&u);
+        u.iter_mut().for_each(|u| *u -= middle);
+        u
+    }
+
+    /// What a column has of each of the basis.
+    fn on_basis(&self, column: &[f64]) -> Row {
         let mut on = Row::default();
-        let mut all = 0.0;
-        for (u, basis) in u.iter().zip(&self.basis) {
-            let u = u - middle;
-            all += u * u;
+        for (value, basis) in column.iter().zip(&self.basis) {
             for (sum, b) in on.iter_mut().zip(basis) {
-                *sum += u * b;
+                *sum += value * b;
             }
         }
+        on
+    }
+
+    /// Power of the drive, of it that inertia explains, and that nothing does, moved by `rows`.
+    fn powers(&self, rows: isize) -> Powers {
+        let u = self.drive_at(rows);
+        let on = self.on_basis(&u);
+        let all = dot(&u, &u);
         let explained: f64 = on.iter().map(|c| c * c).sum();
         // A mass is positive: what a spring does has the other sign.
         Powers { all, inertia: on[3].max(0.0).powi(2), left: (all - explained).max(0.0) }
+    }
+
+    /// Least power that is left of the drive, as it is, beside a friction that turns after a way, as behind a
+    /// screw that winds up: of ways from a tenth of the travel down, each half of the one before.
+    fn left_beside_winding(&self) -> f64 {
+        let u = self.drive_at(0);
+        let left = self.powers(0).left;
+        let seen = || self.places.iter().map(|i| self.position[*i]);
+        let travel = seen().fold(f64::NEG_INFINITY, f64::max) - seen().fold(f64::INFINITY, f64::min);
+        let of_way = |way: f64| {
+            let (mut wound, mut last) = (0.0_f64, self.position[0]);
+            let turned = self.position.iter().map(|x| {
+                wound = (wound + x - last).clamp(-way, way);
+                last = *x;
+                wound / way
+            });
+            let turned: Vec<f64> = turned.collect();
+            let mut column: Vec<f64> = self.places.iter().map(|i| turned[*i]).collect();
+            let on = self.on_basis(&column);
+            for (value, basis) in column.iter_mut().zip(&self.basis) {
+                *value -= on.iter().zip(basis).map(|(on, b)| on * b).sum::<f64>();
+            }
+            dot(&u, &column).powi(2) / dot(&column, &column).max(f64::MIN_POSITIVE)
+        };
+        let ways = (0..12).map(|k| 0.1 * travel * 0.5_f64.powi(k)).filter(|way| *way > 0.0);
+        left - ways.map(of_way).fold(0.0, f64::max)
     }
 }
 
@@ -309,24 +333,32 @@ fn orthonormal(columns: &mut [Vec<f64>]) {
 fn drive_offset(work: &Work<'_>, axis: &AxisColumns, drive: usize) -> Option<f64> {
     let motion = Motion::of(work, axis)?;
     let other = axis.with(Role::Position).find(|p| *p != motion.position && !work.silent[*p]);
-    let alone = offset_beside(work, &motion, Beside::Nothing, drive)?;
-    match other {
-        Some(other) => {
-            let both = offset_beside(work, &motion, Beside::Position(other), drive)?;
-            (both * alone > 0.0).then_some(both)
-        }
-        None => Some(alone),
+    let alone = offset_beside(work, &motion, None, drive)?;
+    if other.is_some() {
+        let both = offset_beside(work, &motion, other, drive)?;
+        return (both.rows * alone.rows > 0.0).then_some(both.rows);
     }
+    // Of one position a screw behind it makes friction late as well.
+    let kept = 1.0 - work.criteria.delay_gain;
+    let is_wound = alone.rows > 0.0 && alone.left > kept * alone.balance.left_beside_winding();
+    (!is_wound).then_some(alone.rows)
 }
 
-/// The same by the motion and what is beside it.
-fn offset_beside(work: &Work<'_>, motion: &Motion, beside: Beside, drive: usize) -> Option<f64> {
+/// Rows by which a drive is late, what is left of it there, and its balance.
+struct Offset {
+    rows: f64,
+    left: f64,
+    balance: Balance,
+}
+
+/// The same by the motion, and another position.
+fn offset_beside(work: &Work<'_>, motion: &Motion, other: Option<usize>, drive: usize) -> Option<Offset> {
     let c = *work.criteria;
     let dt = work.period_s();
     let stride = work.rows_in(5e-4);
     let count = (c.delay_span_s / (stride as f64 * dt)).floor().max(3.0) as isize;
     let span = count as usize * stride;
-    let balance = Balance::new(work, motion, beside, drive, span)?;
+    let balance = Balance::new(work, motion, other, drive, span)?;
     let at = |k: isize| balance.powers(k * stride as isize);
     let all: Vec<Powers> = (-count..=count).map(at).collect();
     let now = all[count as usize];
@@ -350,21 +382,7 @@ fn offset_beside(work: &Work<'_>, motion: &Motion, beside: Beside, drive: usize)
     if !seen || physics {
         return None;
     }
-    // Of one position a screw behind it makes friction late as well.
-    let wound =
-        |way_m: f64| Some(Balance::new(work, motion, Beside::Wound(way_m), drive, span)?.powers(0).left);
-    let is_wound = beside == Beside::Nothing
-        && late_s > 0.0
-        && ways(work.values(motion.position)).filter_map(wound).any(|left| m > (1.0 - c.delay_gain) * left);
-    (!is_wound).then_some(rows)
-}
-
-/// Ways that a screw may wind up by before its stage slides: halves of a tenth of the travel, to what is lost
-/// in it.
-fn ways(position: &[f64]) -> impl Iterator<Item = f64> {
-    let [low, high] =
-        position.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], x| [l.min(*x), h.max(*x)]);
-    (0..12).map(move |k| 0.1 * (high - low) * 0.5_f64.powi(k))
+    Some(Offset { rows, left: m, balance })
 }
 
 /// u(t) becomes u(t + rows), between rows by a straight line; what the file does not hold is masked.

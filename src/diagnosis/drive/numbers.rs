@@ -467,8 +467,11 @@ fn contested(
             free.nominal > 0.0 && now.is_elsewhere(0.0) && is_untold && is_new
         };
         let more: Vec<Beside> = free.iter().zip(now).filter(is_open).map(|(_, now)| now).collect();
+        if more.is_empty() {
+            return (list, judged);
+        }
         let all = [&list[..], &more].concat();
-        match with(&held(&[], &all)).filter(|_| !more.is_empty()) {
+        match with(&held(&[], &all)) {
             Some(held) => (list, judged) = (all, held),
             None => return (list, judged),
         }

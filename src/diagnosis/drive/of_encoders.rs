@@ -138,7 +138,7 @@ impl Case<'_> {
             estimates,
             evidence_nats: 10.0 * level_nats,
             level_nats,
-            contribution: read.map(|(k, ((x, _), r))| of_recording(k, r, off_steps_m(x))).collect(),
+            contribution: read.map(|(k, ((x, _), r))| of_recording(k, r, off_steps_m(x, step_m))).collect(),
             named: Named::Steps(port),
         })
     }

@@ -70,15 +70,16 @@ impl Law for Wave {
         Some(Self { wavelength_m: self.wavelength_m / times, ..*self }.into())
     }
 
-    /// It comes but once; or it is the motor's; or most of the way it passes at more than half the rate of
-    /// the log, which folds it: at an even speed it may be a constant there.
+    /// It comes but once; or one position has it as another's; or most of the way it passes at more than half
+    /// the rate of the log, which folds it: at an even speed it may be a constant there.
     fn is_void(&self, ground: &Ground<'_>, _: &[f64]) -> bool {
         let s = ground.signals;
         let speeds = || s.tracks.iter().flat_map(|t| &t.sides[s.last()].v_m_s).map(|v| v.abs());
         let seen_m_s = 0.5 * self.wavelength_m * s.rate_hz;
         let is_folded = speeds().filter(|v| *v > seen_m_s).sum::<f64>() > 0.5 * speeds().sum::<f64>();
-        let is_another = self.wavelength_m > longest_m(s) || s.is_of_turn(self.wavelength_m);
-        is_folded || !self.of_motor && is_another
+        let one = s.layout != Layout::TwoPositions;
+        let is_anothers = one && self.of_motor != s.is_of_turn(self.wavelength_m);
+        is_folded || is_anothers || (one || !self.of_motor) && self.wavelength_m > longest_m(s)
     }
 
     /// The texture of a guide by itself.

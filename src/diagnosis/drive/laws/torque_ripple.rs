@@ -15,6 +15,7 @@ pub(super) const EFFECT: Effect = Effect {
         if search.two {
             list.extend(search.peaks_of_both(0, [highest, 0.5 * search.travel_m()]));
         } else {
+            list.retain(|l| search.signals.is_of_turn(*l));
             list.extend(search.peaks(&search.plain(0), [highest, search.travel_m() * SHORTEST]));
         }
         list.extend(search.ways_of_lines().into_iter().filter(|l| search.signals.is_of_turn(*l)));
