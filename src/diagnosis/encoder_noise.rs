@@ -27,7 +27,7 @@ pub(super) fn variance_m2(position_m: &[f64], rate_hz: f64) -> f64 {
 /// step. `None`: nowhere.
 pub(super) fn variance_across_steps_m2(position_m: &[f64], rate_hz: f64, step_m: f64) -> Option<f64> {
     let crosses = |block: &&[f64]| {
-        let apart = block.windows(2).filter(|w| (w[1] - w[0]).abs() > 0.5 * step_m).count();
+        let apart = block.windows(2).filter(|w| ((w[1] - w[0]) / step_m).round() != 0.0).count();
         2 * apart >= block.len()
     };
     let blocks = position_m.chunks(block(rate_hz)).zip(block_powers_m2(position_m, rate_hz));

@@ -64,8 +64,7 @@ fn are_on_grid(differences: &[f64], step: f64) -> bool {
 /// Checked by: tests::a_step_is_told_beside_rest_and_even_speed_and_a_rounded_speed_has_none.
 pub(crate) fn coarser_step_of_all(recordings: &[(Vec<f64>, f64)], stated_m: f64) -> Option<f64> {
     let coarser = Criteria::STANDARD.coarser_step;
-    let steps = || recordings.iter().filter_map(|(x, _)| coarser_step(x, stated_m));
-    let step_m = steps().reduce(f64::max)?;
+    let step_m = recordings.iter().filter_map(|(x, _)| coarser_step(x, stated_m)).reduce(f64::max)?;
     let mut loudest = 0.0_f64;
     for (x, rate_hz) in recordings {
         let changes = x.windows(2).map(|w| (w[1] - w[0]).abs()).filter(|d| *d > 0.0);
@@ -86,15 +85,13 @@ pub(crate) fn off_steps_m(position_m: &[f64], step_m: f64) -> Vec<f64> {
     let runs: Vec<&[f64]> = position_m.chunk_by(|a, b| a == b).collect();
     let mut first = 0;
     for pair in runs.windows(2) {
-        let [from, to] = [pair[0].len(), pair[1].len()].map(|rows| 0.5 * (rows as f64 - 1.0));
-        let way_m = pair[1][0] - pair[0][0];
         let second = first + pair[0].len();
-        let apart = second as f64 + to - (first as f64 + from);
-        if way_m.abs() < 1.5 * step_m {
-            for k in (first..second + pair[1].len())
-                .filter(|k| (first as f64 + from..=second as f64 + to).contains(&(*k as f64)))
-            {
-                let line_m = pair[0][0] + way_m * (k as f64 - first as f64 - from) / apart;
+        let middle = |start: usize, run: &[f64]| start as f64 + 0.5 * (run.len() as f64 - 1.0);
+        let [from, to] = [middle(first, pair[0]), middle(second, pair[1])];
+        let way_m = pair[1][0] - pair[0][0];
+        if (way_m / step_m).round().abs() <= 1.0 {
+            for k in from.ceil() as usize..=to as usize {
+                let line_m = pair[0][0] + way_m * (k as f64 - from) / (to - from);
                 out[k] = (position_m[k] - line_m).clamp(-0.5 * step_m, 0.5 * step_m);
             }
         }

@@ -20,6 +20,7 @@ use crate::diagnosis::criteria::{Criteria, Z95};
 use crate::plant::effects::Port;
 use crate::plant::machine::AxisModel;
 use nalgebra::DVector;
+use std::cell::LazyCell;
 
 /// Deviations of everything that was fitted.
 #[derive(Debug, Clone, Default)]
@@ -246,20 +247,18 @@ pub(super) fn as_written(
     };
     loop {
         let unsaid = unsaid(balance, state, &absent);
-        let (mut written, mut doubt) = (state.clone(), beside_all.clone());
-        if !unsaid.is_empty() {
-            written = refitted_as_is(balance, state, &unsaid);
-            doubt = doubt_of(&written, &rest(balance, &written));
-        }
-        let is_left = |state: &State| rest(balance, state).is_left(stated_rest_n);
+        let all_said = unsaid.is_empty();
+        let written = if all_said { state.clone() } else { refitted_as_is(balance, state, &unsaid) };
+        let left = LazyCell::new(|| rest(balance, &written));
+        let mut doubt = if all_said { beside_all.clone() } else { doubt_of(&written, &left) };
         let with = |numbers: &[Number]| {
             let held = refitted_as_is(balance, &written, &[&unsaid[..], numbers].concat());
-            (nothing_found || !is_left(&held) || is_left(&written)).then_some(held)
+            let stands = || !rest(balance, &held).is_left(stated_rest_n) || left.is_left(stated_rest_n);
+            (nothing_found || stands()).then_some(held)
         };
-        let (contested, judged) = contested((balance, axis), (&written, &doubt), with);
+        let (contested, written) = contested((balance, axis), (&written, &doubt), with);
         if !contested.is_empty() {
-            doubt = doubt_of(&judged, &rest(balance, &written));
-            written = judged;
+            doubt = doubt_of(&written, &left);
         }
         let count = absent.len();
         absent.retain_mut(|a| {

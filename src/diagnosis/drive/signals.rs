@@ -78,6 +78,7 @@ pub(super) struct Signals {
     /// Speed over which friction turns, m/s.
     pub(super) smoothing_m_s: f64,
     pub(super) tracks: Vec<Track>,
+    /// Lead of the screw, where there is one, m.
     pub(super) lead_m: Option<f64>,
     /// See [`DriveParams::motor_waves_m`].
     pub(super) motor_waves_m: Vec<f64>,
